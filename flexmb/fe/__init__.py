@@ -8,7 +8,8 @@ from flexmb.fe.assembly.loads import LoadPattern, make_loads
 from flexmb.fe.displacements import node_modes, surface
 from flexmb.fe.elements.element_blocks import Block
 from flexmb.fe.mesh_checks import Finding, mesh_report
-from flexmb.fe.meshes.mesh import Mesh, read_mesh
+from flexmb.fe.meshes.mesh import Mesh
+from flexmb.fe.meshes.mesh_file import read_mesh
 from flexmb.fe.meshes.mesh_shapes import mesh_from
 from flexmb.fe.model_checks import Survey
 from flexmb.fe.reduce import make_body, reduce, survey

@@ -37,6 +37,7 @@ from flexmb.fe.assembly.loads import load_options, make_loads, reduce_load
 from flexmb.fe.displacements import node_modes, surface
 from flexmb.fe.mesh_checks import Finding
 from flexmb.fe.meshes.mesh_shapes import MeshLike, mesh_from
+from flexmb.fe.meshes.scikit_fem_mesh import mesh_from_skfem
 from flexmb.fe.model_checks import (
     Survey,
     check_mode_count,
@@ -70,13 +71,7 @@ from flexmb.fe.reduction.reduced_basis import (
     rigid_basis,
 )
 from flexmb.fe.reduction.user_modes import read_user_modes
-from flexmb.fe.scikit_fem import (
-    has_stress,
-    mesh_from_skfem,
-    model_from_basis,
-    refuse_matrices,
-    refuse_mesh_options,
-)
+from flexmb.fe.scikit_fem import has_stress, model_from_basis, refuse_matrices, refuse_mesh_options
 from flexmb.fe.sections.section_tables import MaterialLike, resolve, sections_from
 from flexmb.fe.stress import stress_option
 from flexmb.flexbody.body import FlexBody

@@ -1,6 +1,6 @@
-"""Models that come from scikit-fem: its meshes, and bases with assembled stiffness and mass.
+"""Models from bases of scikit-fem with assembled stiffness and mass.
 
-A mesh keeps its named boundaries and subdomains as groups. A basis must be one of three
+A basis must be one of three
 displacements with a Lagrange element (P1, P2, Q1, serendipity or Q2 on tetrahedra and hexahedra, or
 any other whose functions are one at their own node). Its mass matrix is then one scalar matrix for
 all three directions and, with the positions of the nodes, gives every inertia integral exactly.
@@ -10,13 +10,11 @@ given.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array, issparse
 from skfem import CellBasis, ElementVector
-from skfem import Mesh as SkfemMesh
 
 from flexmb.errors import MeshError, Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices
@@ -24,7 +22,7 @@ from flexmb.fe.assembly.mass import Inertia, join
 from flexmb.fe.assembly.numbering import Numbering
 from flexmb.fe.elements.element_blocks import FAMILIES, Block
 from flexmb.fe.elements.solid_elements import Solid
-from flexmb.fe.meshes.mesh import Mesh
+from flexmb.fe.meshes.scikit_fem_mesh import mesh_with_groups
 from flexmb.fe.sections.section_tables import SolidSection
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.materials import AnyMaterial
@@ -34,25 +32,6 @@ from flexmb.units import unit_system
 _EQUAL = 1e-9
 # largest stiffness against rigid motions of a free body, relative to the diagonal
 _RIGID_STIFFNESS = 1e-6
-_FACETS = {2: "line", 3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8", 9: "quad9"}
-
-
-def mesh_from_skfem(mesh: SkfemMesh) -> Mesh:
-    """The mesh with its boundaries and subdomains as groups; 2-D meshes lie in the xy plane.
-
-    Raises
-    ------
-    MeshError
-        A mesh without elements that flexmb has a name for.
-    """
-    # importing meshio takes 0.2 s, so only where it is needed
-    from skfem.io.meshio import to_meshio
-
-    written = to_meshio(mesh)
-    points = np.zeros((len(written.points), 3))
-    points[:, : written.points.shape[1]] = written.points
-    blocks = {cells.type: np.asarray(cells.data, dtype=np.int64) for cells in written.cells}
-    return _with_groups(mesh, points, blocks, np.arange(mesh.p.shape[1]))
 
 
 def model_from_basis(
@@ -93,7 +72,7 @@ def model_from_basis(
     if kind:
         blocks[kind] = node_of[basis.element_dofs[0::3][order]].T
     vertices = node_of[basis.nodal_dofs[0]] if len(basis.nodal_dofs) else np.zeros(0, dtype=int)
-    mesh = _with_groups(basis.mesh, points, blocks, vertices, "scikit-fem basis")
+    mesh = mesh_with_groups(basis.mesh, points, blocks, vertices, "scikit-fem basis")
     elements = ()
     if kind:
         section = SolidSection().with_material(material)
@@ -111,52 +90,6 @@ def has_stress(model: FEMatrices) -> bool:
     """Whether stress can be recovered: a material, and elements without incompatible modes."""
     kinds = {block.kind for block in model.blocks}
     return model.material is not None and bool(kinds) and "hexahedron" not in kinds
-
-
-def _with_groups(
-    mesh: SkfemMesh,
-    points: FloatArray,
-    blocks: dict[str, IntArray],
-    vertices: IntArray,
-    source: str = "scikit-fem mesh",
-) -> Mesh:
-    """The mesh with subdomains and boundaries; ``vertices`` are the nodes at its vertices."""
-    kind = next(iter(blocks), "")
-    groups: dict[str, dict[str, IntArray]] = {}
-    for name, elements in (mesh.subdomains or {}).items():
-        if kind:
-            groups[str(name)] = {kind: np.asarray(elements, dtype=np.int64)}
-    nodes: dict[str, IntArray] = {}
-    for name, facets in (mesh.boundaries or {}).items():
-        corners = vertices[mesh.facets[:, np.asarray(facets, dtype=np.int64)]].T
-        faces = _faces(kind, blocks, corners)
-        if faces is None:
-            nodes[str(name)] = np.unique(corners)
-            continue
-        facet = _FACETS[faces.shape[1]]
-        first = len(blocks.get(facet, ()))
-        blocks[facet] = np.concatenate([blocks[facet], faces]) if first else faces
-        groups[str(name)] = {facet: first + np.arange(len(faces))}
-    return Mesh(points, blocks, nodes, groups, source)
-
-
-def _faces(kind: str, blocks: Mapping[str, IntArray], corners: IntArray) -> IntArray | None:
-    """(nf, k) nodes of the facets with these corners: corners in cyclic order, then mid-side
-    nodes."""
-    if corners.shape[1] == 2:
-        return corners
-    family = FAMILIES.get(kind)
-    if corners.shape[1] < 3 or not isinstance(family, Solid):
-        return None
-    count = corners.shape[1]
-    same = [face for face in family.faces if len(face) in (count, 2 * count, 2 * count + 1)]
-    every = np.concatenate([blocks[kind][:, face] for face in same])
-    keys = np.concatenate([np.sort(every[:, :count], axis=1), np.sort(corners, axis=1)])
-    _, number = np.unique(keys, axis=0, return_inverse=True)
-    number = number.ravel()
-    row = np.full(number.max() + 1, -1)
-    row[number[: len(every)]] = np.arange(len(every))
-    return every[row[number[len(every) :]]]
 
 
 def _kind(basis: CellBasis) -> tuple[str, IntArray]:

@@ -13,7 +13,7 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "files": 380,
+    "files": 382,
     "lines": 101_300,
     "participles": 30,
     "base names of three and more files": 0,

@@ -26,7 +26,7 @@ from flexmb.errors import (
     SceneError,
     printable,
 )
-from flexmb.fe.meshes.mesh import _read, read_mesh
+from flexmb.fe.meshes.mesh_file import _read, read_mesh
 from flexmb.flexbody import load, rigid_body, save
 from flexmb.model.functions.tabulated import Columns, read_columns
 from flexmb.results import Result

@@ -20,7 +20,7 @@ from flexmb.fe import resolve
 from flexmb.fe.assembly.numbering import Accumulator
 from flexmb.fe.elements.element_blocks import FAMILIES
 from flexmb.fe.meshes.mesh_shapes import mesh_from
-from flexmb.fe.scikit_fem import mesh_from_skfem
+from flexmb.fe.meshes.scikit_fem_mesh import mesh_from_skfem
 from flexmb.fe.sections.section_tables import SolidSection
 
 _STEEL = resolve("steel")

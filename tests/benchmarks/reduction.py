@@ -19,7 +19,7 @@ import numpy as np
 from scipy.sparse.linalg import norm
 
 from flexmb.fe import Mesh, assemble, craig_bampton, make_interfaces, orthonormalise, resolve
-from flexmb.fe.meshes.mesh import read_mesh
+from flexmb.fe.meshes.mesh_file import read_mesh
 from flexmb.fe.reduce import make_body
 
 _PHASES = ("mesh", "assemble", "order", "factor", "modes", "rest")

@@ -28,18 +28,8 @@ from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.materials import AnyMaterial
 
 FAMILIES: dict[str, Family] = {
-    family.kind: family
-    for family in (
-        solid_elements.TETRA,
-        solid_elements.TETRA10,
-        solid_elements.HEXAHEDRON,
-        solid_elements.HEXAHEDRON20,
-        solid_elements.HEXAHEDRON27,
-        solid_elements.WEDGE15,
-        LINE,
-        TRIANGLE,
-        QUAD,
-    )
+    **solid_elements.SOLIDS,
+    **{family.kind: family for family in (LINE, TRIANGLE, QUAD)},
 }
 """Family by kind of cells."""
 

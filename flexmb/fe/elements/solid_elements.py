@@ -349,6 +349,12 @@ WEDGE15 = Solid(
     edges=WEDGE_EDGES,
 )
 
+SOLIDS: dict[str, Solid] = {
+    family.kind: family
+    for family in (TETRA, TETRA10, HEXAHEDRON, HEXAHEDRON20, HEXAHEDRON27, WEDGE15)
+}
+"""Solid elements by their names in meshes."""
+
 _PYRAMID = "pyramids cannot be used: mesh with tetrahedra, or with hexahedra alone"
 _LESS = 'mesh without nodes inside faces (gmsh: "Mesh.SecondOrderIncomplete = 1")'
 _HIGHER = "elements above second order cannot be used: mesh with second-order elements"

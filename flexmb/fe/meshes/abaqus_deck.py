@@ -20,7 +20,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from flexmb.errors import nearest
-from flexmb.fe.elements.solid_elements import HEXAHEDRON, HEXAHEDRON20, TETRA, TETRA10, WEDGE15
+from flexmb.fe.elements.solid_elements import SOLIDS as SOLID_ELEMENTS
 from flexmb.fe.meshes.deck import OTHER_PARTS, SOLIDS, SURFACES, Deck, read_deck, read_real
 from flexmb.flexbody.arrays import FloatArray
 
@@ -36,7 +36,6 @@ _KINDS = (  # by the first letters of a type and the number of nodes that follow
 )
 _OTHERS = re.compile(r"MASS|ROTARYI|SPRING|DASHPOT|CONN|DCOUP|DIST|GAP|JOINT|R[23AB]")
 _FACETS = {3: "triangle", 4: "quad", 6: "triangle6", 8: "quad8"}
-_FAMILIES = {family.kind: family for family in (HEXAHEDRON, HEXAHEDRON20, TETRA, TETRA10, WEDGE15)}
 _FACES = {  # corners of the faces S1, S2, ...
     "tetra": ("012", "013", "123", "023"),
     "wedge": ("012", "345", "0134", "1245", "0235"),
@@ -439,7 +438,7 @@ def _kind(deck: Deck, name: str) -> str:
 
 def _face(kind: str, nodes: list[int], name: str) -> tuple[str, list[int]] | None:
     """Kind and nodes of the face S1, S2, ... of a solid; None if there is no such face."""
-    family, corners = _FAMILIES.get(kind), _FACES.get(kind.rstrip("0123456789"), ())
+    family, corners = SOLID_ELEMENTS.get(kind), _FACES.get(kind.rstrip("0123456789"), ())
     number = int(name[1:]) if name[:1].upper() == "S" and name[1:].isdigit() else 0
     if family is None or not 1 <= number <= len(corners):
         return None

@@ -58,7 +58,7 @@ class _Section:
 
 
 def read_gmsh(source: Path) -> Any:
-    """The mesh of a file in format 4.1, as one of meshio; None of another format.
+    """The mesh of a file in format 4.1, as one of meshio; None of another format, or of scikit-fem.
 
     Raises
     ------
@@ -71,7 +71,7 @@ def read_gmsh(source: Path) -> Any:
 
     data = source.read_bytes()
     head = _HEAD.match(data)
-    if head is None:
+    if head is None or b'"skfem:' in data:
         return None
     binary = head[1] == b"1"
     names = _names(_content(data, b"PhysicalNames"))

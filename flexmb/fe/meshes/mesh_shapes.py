@@ -32,7 +32,8 @@ from flexmb.fe.meshes.lattice import (
     from_lattice,
     refuse,
 )
-from flexmb.fe.meshes.mesh import Mesh, read_mesh
+from flexmb.fe.meshes.mesh import Mesh
+from flexmb.fe.meshes.mesh_file import read_mesh
 from flexmb.fe.meshes.mesh_refinement import refine_mesh
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.mesh_options import MESHES, BeamMesh, BoxMesh, DiskMesh, PlateMesh, TubeMesh

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 import flexmb
 from flexmb.errors import MeshError
 from flexmb.fe import read_mesh
-from flexmb.fe.meshes import mesh as mesh_module
+from flexmb.fe.meshes import mesh_file
 from flexmb.fe.meshes.mesh import group_centroid
 from flexmb.fe.meshes.mesh_refinement import refine_mesh
 
@@ -36,7 +36,7 @@ SOLIDS = {
 
 @pytest.fixture(autouse=True)
 def in_this_process(monkeypatch):
-    monkeypatch.setattr(mesh_module, "check_reading", lambda *_: None)
+    monkeypatch.setattr(mesh_file, "check_reading", lambda *_: None)
 
 
 def deck_of(points, *rest):

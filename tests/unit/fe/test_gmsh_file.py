@@ -10,7 +10,7 @@ import pytest
 
 from flexmb.errors import MeshError
 from flexmb.fe import read_mesh
-from flexmb.fe.meshes import mesh as mesh_module
+from flexmb.fe.meshes import mesh_file
 
 # two tetrahedra with a common face, each an entity of its own, and a face of the first
 FAR = 9 * 10**15  # a node's number
@@ -22,7 +22,7 @@ TETRA, TRIANGLE = 4, 2
 
 @pytest.fixture(autouse=True)
 def in_this_process(monkeypatch):
-    monkeypatch.setattr(mesh_module, "check_reading", lambda *_: None)
+    monkeypatch.setattr(mesh_file, "check_reading", lambda *_: None)
 
 
 class Writer:

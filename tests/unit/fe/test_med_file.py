@@ -9,14 +9,14 @@ from femeshes import block
 
 from flexmb.errors import MeshError
 from flexmb.fe import read_mesh
-from flexmb.fe.meshes import mesh as mesh_module
+from flexmb.fe.meshes import mesh_file
 
 BOX = block((2, 1, 1))
 
 
 @pytest.fixture(autouse=True)
 def in_this_process(monkeypatch):
-    monkeypatch.setattr(mesh_module, "check_reading", lambda *_: None)
+    monkeypatch.setattr(mesh_file, "check_reading", lambda *_: None)
 
 
 def add_family(folder, number, *names, encoding="utf-8"):

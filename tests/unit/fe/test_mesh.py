@@ -10,7 +10,7 @@ from femeshes import block
 
 from flexmb.errors import MeshError
 from flexmb.fe import Mesh
-from flexmb.fe.meshes import mesh as mesh_module
+from flexmb.fe.meshes import mesh_file
 from flexmb.fe.meshes.mesh import dimension
 
 
@@ -58,6 +58,6 @@ def test_elements_with_too_few_nodes_are_a_damaged_file(tmp_path, monkeypatch):
     raw = SimpleNamespace(
         points=np.zeros((5, 3)), cells=[SimpleNamespace(type="tetra10", data=np.arange(5)[None])]
     )
-    monkeypatch.setattr(mesh_module, "_read_quietly", lambda _: raw)
+    monkeypatch.setattr(mesh_file, "_read_quietly", lambda _: raw)
     with pytest.raises(MeshError, match="is damaged: elements of kind tetra10 with 5 nodes"):
-        mesh_module._read(tmp_path / "a.bdf")
+        mesh_file._read(tmp_path / "a.bdf")

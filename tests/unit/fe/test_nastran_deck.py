@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 import flexmb
 from flexmb.errors import MeshError
 from flexmb.fe import read_mesh
-from flexmb.fe.meshes import mesh as mesh_module
+from flexmb.fe.meshes import mesh_file
 
 ORIGIN = np.array([3.0, -2.0, 5.0])
 TURN = Rotation.from_euler("xyz", [20, -35, 70], degrees=True)
@@ -18,7 +18,7 @@ X, Y, Z = np.eye(3)
 
 @pytest.fixture(autouse=True)
 def in_this_process(monkeypatch):
-    monkeypatch.setattr(mesh_module, "check_reading", lambda *_: None)
+    monkeypatch.setattr(mesh_file, "check_reading", lambda *_: None)
 
 
 def text(*values):

@@ -12,7 +12,7 @@ from femeshes import block
 from flexmb.errors import MeshError
 from flexmb.fe import read_mesh
 from flexmb.fe.elements.element_blocks import FAMILIES
-from flexmb.fe.meshes import mesh as mesh_module
+from flexmb.fe.meshes import mesh_file
 
 BOX = block((2, 1, 1))
 GMSH = "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n"
@@ -21,7 +21,7 @@ GMSH = "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n"
 @pytest.fixture(autouse=True)
 def in_this_process(monkeypatch):
     """Files are read at once; that they are read in a process of their own is tested elsewhere."""
-    monkeypatch.setattr(mesh_module, "check_reading", lambda *_: None)
+    monkeypatch.setattr(mesh_file, "check_reading", lambda *_: None)
 
 
 def written(tmp_path, name="box.msh", file_format="gmsh22", tags=(7, 8, 9), named=True):

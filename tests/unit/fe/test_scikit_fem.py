@@ -12,10 +12,11 @@ from skfem.helpers import ddot, dot, eye, sym_grad, trace
 
 import flexmb
 from flexmb.errors import FlexmbError
-from flexmb.fe import Mesh, assemble, rectangle, resolve, shell
+from flexmb.fe import Mesh, assemble, read_mesh, rectangle, resolve, shell
 from flexmb.fe.elements.element_blocks import FAMILIES
 from flexmb.fe.elements.element_family import wedge15
-from flexmb.fe.scikit_fem import mesh_from_skfem, model_from_basis
+from flexmb.fe.meshes.scikit_fem_mesh import mesh_from_skfem
+from flexmb.fe.scikit_fem import model_from_basis
 
 STEEL = resolve("steel")
 ENDS = {"left": "x0", "right": {"group": "x1", "type": "rbe3"}}
@@ -329,3 +330,32 @@ def test_a_basis_must_have_three_displacements_and_matrices_a_basis():
         flexmb.reduce(bar(), material="steel", stiffness=np.eye(3))
     with pytest.raises(FlexmbError, match="material: is missing"):
         flexmb.reduce(bar())
+
+
+AXES = [np.linspace(0, size, n) for size, n in ((3, 4), (1, 2), (1, 3))]
+MESHES = {
+    "tetra": skfem.MeshTet.init_tensor(*AXES),
+    "tetra10": skfem.MeshTet2.from_mesh(skfem.MeshTet.init_tensor(*AXES)),
+    "hexahedron": skfem.MeshHex.init_tensor(*AXES),
+    "quad": skfem.MeshQuad.init_tensor(*AXES[::2]),
+}
+
+
+@pytest.mark.parametrize("suffix", [".vtu", ".vtk", ".msh", ".xdmf"])
+@pytest.mark.parametrize("kind", MESHES)
+def test_a_file_that_scikit_fem_wrote_has_its_groups(tmp_path, kind, suffix):
+    """The facets of a boundary are all with their corners on it, a subdomain has its elements."""
+    far = MESHES[kind].p[0].max()
+    grid = MESHES[kind].with_boundaries({"foot": lambda x: x[0] == 0, "tip": lambda x: x[0] == far})
+    grid = grid.with_subdomains({"left": lambda x: x[0] < 0.5 * far})
+    grid.save(tmp_path / f"a{suffix}")
+    mesh = read_mesh(tmp_path / f"a{suffix}")
+    for name, x in (("foot", 0.0), ("tip", far)):
+        there = np.flatnonzero(mesh.points[:, 0] == x)
+        np.testing.assert_array_equal(mesh.group_nodes(name), there)
+        ((facet, rows),) = mesh.group_elements(name).items()
+        np.testing.assert_array_equal(np.unique(mesh.blocks[facet][rows]), there)
+    ((_, rows),) = mesh.group_elements("left").items()
+    middles = mesh.points[mesh.blocks[kind][rows]].mean(axis=1)
+    assert middles[:, 0].max() < 0.5 * far
+    assert len(rows) == len(grid.subdomains["left"]) > 0

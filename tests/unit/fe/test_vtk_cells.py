@@ -9,7 +9,7 @@ import pyvista as pv
 import flexmb
 from flexmb.errors import MeshError
 from flexmb.fe import read_mesh
-from flexmb.fe.meshes import mesh as mesh_module
+from flexmb.fe.meshes import mesh_file
 
 HEXAHEDRON, VOXEL, PIXEL, POLYGON, POLYLINE, STRIP, LAGRANGE_TETRA = 12, 11, 8, 7, 4, 6, 71
 STEEL = {"E": 210e9, "nu": 0.3, "density": 7850.0}
@@ -20,7 +20,7 @@ AS_VOXEL = [0, 1, 3, 2, 4, 5, 7, 6]  # x runs fastest, then y, then z
 
 @pytest.fixture(autouse=True)
 def in_this_process(monkeypatch):
-    monkeypatch.setattr(mesh_module, "check_reading", lambda *_: None)
+    monkeypatch.setattr(mesh_file, "check_reading", lambda *_: None)
 
 
 def written(path, points, *cells):
