@@ -83,7 +83,7 @@ def all_are_told(monkeypatch):
 @pytest.mark.parametrize("ends", EULER)
 @pytest.mark.parametrize("share", [0.2, 0.9])
 def test_the_load_factor_is_the_share_of_eulers_load(ends, share, all_are_told, monkeypatch):
-    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t, on:
+    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t:
                         f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
     assert load_factor(loaded(ends, share * EULER[ends])) == pytest.approx(share, rel=0.01)
 
@@ -93,7 +93,7 @@ def test_the_load_factor_is_the_share_of_eulers_load(ends, share, all_are_told, 
     ids=["1 km away", "of a micrometre", "of solids"],
 )  # fmt: skip
 def test_wherever_it_stands_and_of_any_size(variant, all_are_told, monkeypatch):
-    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t, on:
+    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t:
                         f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
     size = variant.get("size", 1.0)
     model = loaded("cantilever", 0.5 * EULER["cantilever"] * size**2, **variant)
@@ -102,7 +102,7 @@ def test_wherever_it_stands_and_of_any_size(variant, all_are_told, monkeypatch):
 
 def test_a_thin_column_beside_a_flywheel(all_are_told, monkeypatch):
     """A thin rod on a ball joint turns about itself by nothing, beside the heaviest of bodies."""
-    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t, on:
+    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t:
                         f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
     model = loaded("cantilever", 0.5 * EULER["cantilever"])
     model.add_marker("ground.ball", position=[0, 5, 0])
@@ -127,7 +127,7 @@ def test_a_run_warns_before_the_column_buckles_and_stops_where_it_does(share, wh
 
 def test_a_mast_with_a_mass_on_top_is_a_cantilever_under_its_weight(all_are_told, monkeypatch):
     """The mass moves with the tip; held there, the load factor would be a sixteenth."""
-    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t, on:
+    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t:
                         f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
     load, mass = 0.5 * EULER["cantilever"], 100.0
     model = Model("mast", gravity=[-load / mass, 0, 0])
@@ -167,7 +167,7 @@ def test_a_blade_that_points_to_the_axis_is_buckled_by_its_own_centrifugal_load(
 ):
     """∫q dx = 16.1 EI/L² of loads q = q₀ (1 − x/L) along a cantilever buckle it (Timoshenko & Gere,
     §2.12, of the powers n of 1 − x/L that of n = 1). Here q₀ = ρA Ω² L."""
-    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t, on:
+    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t:
                         f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
     speed = np.sqrt(0.5 * 2 * 16.1)
     model = Model("blade")
