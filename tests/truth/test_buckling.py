@@ -140,6 +140,21 @@ def test_a_mast_with_a_mass_on_top_is_a_cantilever_under_its_weight(all_are_told
     assert load_factor(model) == pytest.approx(0.5 + own, rel=0.01)
 
 
+@pytest.mark.parametrize(("share", "what"), [(0.7, ""), (0.85, "note"), (1.1, "refusal")])
+def test_a_load_on_a_plate_on_top(share, what):
+    """No load was noticed here: with the plate at rest the column would bear sixteen times more."""
+    model = loaded("cantilever", 0.0)
+    del model.forces["load"]
+    model.add_body("plate", mass=1e-3, inertia=[1e-6] * 3, position=[1, 0, 0])
+    model.add_joint("glue", "fixed", between=["column.tip", "plate"])
+    model.add_force("load", "force", at="plate", value=[-share * EULER["cantilever"], 0, 0])
+    found = outcome(model, duration=2.0, outputs=20, start="quasi-static")
+    words = f"its loads are {share:.2g} of those that buckle it"
+    told = [note for note in found.notes if words in note]
+    assert bool(told) == (what == "note")
+    assert ("that buckle it" in found.message) == (what == "refusal")
+
+
 def test_a_strut_of_rigid_bodies_pushes_on_a_column(all_are_told):
     """Their ball joint was no number. The strut, as long as the column, is guided: tan x = 2 x."""
     model = loaded("cantilever", 0.0)
@@ -222,3 +237,26 @@ def test_the_load_factors_of_many_rows_are_those_of_each(monkeypatch):
     monkeypatch.setattr("flexmb.analysis.dynamics.load_factor._MAX_ENTRIES", 400)
     some = np.array([20, 3, 11])
     np.testing.assert_allclose(monitor._values(rows, some)[:, 0], values[some], rtol=1e-9)
+
+
+def test_equal_columns_of_a_frame_buckle_together(all_are_told, monkeypatch):
+    """Row by row one or the other was named, and the mean of each was half of the load factor."""
+    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t:
+                        f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
+    model, middle = Model("frame"), column().interface("root").position
+    model.add_body("beam", mass=0.1, inertia=[0.01] * 3, position=[1, 0.4, 0])
+    for name, place in (("left", 0.0), ("right", 0.8)):
+        model.add_marker(f"ground.{name}", position=np.add([0, place, 0], middle))
+        model.add_marker(f"beam.{name}", position=[0, place - 0.4, 0])
+        model.add_body(name, column(), position=[0, place, 0])
+        model.add_joint(name, "fixed", between=[f"ground.{name}", f"{name}.root"])
+        model.add_joint(f"top_{name}", "revolute", between=[f"{name}.tip", f"beam.{name}"],
+                        axis="z")  # fmt: skip
+    load = 2 * 0.6 * EULER["cantilever"]
+    model.add_force("load", "force", at="beam", value=[f"-{load}*step5(t, 0, 0, 2, 1)", 1e-3, 0])
+    model.set_validity(load_factor="any", deflection="any")
+    found = outcome(model, duration=4.0, outputs=120, start="quasi-static")
+    told = [note.split(" are ") for note in found.notes if "of those that buckle it" in note]
+    assert [name for name, _ in told] == ["left", "right"]
+    for _, words in told:
+        assert float(words.split()[0]) == pytest.approx(0.6, rel=0.02)

@@ -24,6 +24,7 @@ from flexmb.analysis.assembly.jacobian import (
     numerical_rank,
     one_blas_thread,
 )
+from flexmb.analysis.assembly.mechanism_modes import MechanismModes
 from flexmb.analysis.dynamics.linear_elasticity import flexible_columns, joined_modes
 from flexmb.analysis.monitors import Indicator
 from flexmb.engine.allocation import new_state, new_work
@@ -32,6 +33,7 @@ from flexmb.engine.compiled_calls import stage_solver
 from flexmb.engine.initial_conditions import RESIDUAL
 from flexmb.engine.state import State, Work
 from flexmb.engine.tables import bend_of
+from flexmb.errors import AssemblyError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, IntArray, skew
 from flexmb.flexbody.natural_modes import matrices_at_rest
@@ -47,6 +49,9 @@ _SLENDER = 0.05  # largest ratio of the second moments of mass across and along 
 _MIN_ESTIMATE = 0.3
 _MAX_ROW_WEIGHT = 0.125  # largest weight of one row in the mean over a period
 _MAX_ENTRIES = 2_000_000  # matrix entries of all rows that are examined together
+# Strain energy of a body in the motion that buckles, over the largest, with which it buckles too:
+# equal columns of a frame have the same.
+_MIN_ENERGY = 0.5
 _RIGID_SHARE = 1e-9  # ω² over the largest one, below which a motion deforms nothing
 
 
@@ -66,7 +71,7 @@ class LoadFactorMonitor:
         self._gravity = np.array(model.gravity or (0.0, 0.0, 0.0))
         self._bodies, periods = [], []
         if compiled.layout.nv <= MAX_COORDINATES:
-            Cq = None
+            Cq = lowest = None
             for columns, body in flexible_columns(compiled):
                 Cq = ConstraintRows(compiled).evaluate(q).Cq if Cq is None else Cq
                 frequencies, _ = joined_modes(body, columns, q, Cq)
@@ -74,7 +79,8 @@ class LoadFactorMonitor:
                 stiffened = body.centrifugal_stiffness is not None
                 if length == 0.0 or not len(frequencies) or not stiffened:
                     continue
-                euler = _EULER * frequencies[0] ** 2 * body.mass * length
+                lowest = _lowest_frequency(compiled, q) if lowest is None else lowest
+                euler = _EULER * min(frequencies[0], lowest) ** 2 * body.mass * length
                 self._bodies.append((columns, body, euler))
                 periods.append(2.0 * np.pi / frequencies[0])
         self._periods = np.array(periods)
@@ -237,7 +243,7 @@ class _Mechanism:
             self._bodies.append((entry, part, body, mean))
 
     def load_factors(self, loads: Loads) -> Array:
-        """(n, bodies) load factors of the mechanism, each assigned to the body that buckles."""
+        """(n, bodies) load factors of the mechanism, each assigned to the bodies that buckle."""
         n, Kg = len(loads.q), self._geometric_stiffness(loads)
         poses = [self._rows.evaluate(q).jacobian for q in loads.q]
         _, S, Vt = np.linalg.svd(np.array([pose.A for pose in poses]))
@@ -263,8 +269,11 @@ class _Mechanism:
         factors, shapes = np.linalg.eigh(-0.5 * Vt @ (Kg[rows] + Kg[rows].transpose(0, 2, 1)) @ V)
         x = (V @ shapes[:, :, -1:])[..., 0]
         parts = [part for _, part, *_ in self._bodies]
-        energy = [((x[:, own] @ self._K[own, own]) * x[:, own]).sum(axis=1) for own in parts]
-        values[rows, np.argmax(energy, axis=0)] = factors[:, -1]
+        energy = np.array(
+            [((x[:, own] @ self._K[own, own]) * x[:, own]).sum(axis=1) for own in parts]
+        ).T
+        buckles = energy >= _MIN_ENERGY * energy.max(axis=1, keepdims=True)
+        values[rows] = np.where(buckles, factors[:, -1:], 0.0)
 
     def _geometric_stiffness(self, loads: Loads) -> Array:
         """(n, nv, nv) second variation of the work of all loads by rotations and eta, body axes.
@@ -304,6 +313,16 @@ class _Mechanism:
                     Kb[:, 3:, 3:] -= np.tensordot(G, centrifugal, 2)
             Kb[:, 3:, :3] = Kb[:, :3, 3:].transpose(0, 2, 1)
         return K
+
+
+def _lowest_frequency(compiled: Compiled, q: Array) -> float:
+    """Of all flexible bodies in the mechanism [rad/s]: a body on top of a column moves with it."""
+    every = list(range(len(compiled.layout.bodies)))
+    flexible = [k for k in every if compiled.layout.bodies[k].m]
+    try:
+        return float(MechanismModes(compiled, q, every).vibrations(*flexible).omega[0])
+    except AssemblyError:  # motions without inertia
+        return 0.0
 
 
 def _natural_motions(K: Array, root: Array, N: Array) -> tuple[Array, Array]:
