@@ -24,8 +24,8 @@ SYMMETRIC_PAIRS = tuple((a, b) for a in range(3) for b in range(a, 3))
 LARGEST_SHARE = 0.1
 """A response may lack this share (square root of the strain energy) without a message."""
 LARGEST_SHARE_BY_CHOICE = 0.02
-"""The same where the program selects the responses: growth at a point may lack half of a share, that
-of a disc 3.4 % with a share of 0.089."""
+"""The same where the program selects the responses: growth at a point may lack half of a share,
+that of a disc 3.4 % with a share of 0.089."""
 LEAST_MOTION = 1e-7
 """Displacement over the body's length below which a missing response is ignored."""
 # responses with less than this fraction of the largest energy about another axis are left out
