@@ -186,3 +186,54 @@ def test_eulers_loads(ends):
         del model.joints["b"]
     (note,) = [one for one in outcome(model).notes if "compressed" in one]
     assert float(note.split("by about ")[1].split()[0]) == pytest.approx(0.5, rel=0.03)
+
+
+def test_a_wide_plate_far_from_its_axis():
+    """Half as wide as long, 1.4 times as much as its speed over its frequency lets expect."""
+    width, h, radius, speed = 0.5, 0.004, 6.0, 2.0
+    plate = flexmb.reduce(
+        {"type": "plate", "length": 1.0, "width": width, "divisions": [12, 6]},
+        material={"E": E, "nu": 0.0, "density": 7850}, interfaces={"a": "x0", "b": "x1"}, modes=6, residual="inertia",
+        sections={"all": {"type": "shell", "thickness": h}}, name="plate",
+    )  # fmt: skip
+    model = Model("plate")
+    model.add_body("hub", mass=1.0, inertia=[1, 1, 1])
+    model.add_marker("hub.rim", position=[radius, 0, 0])
+    model.add_body("plate", plate, position=[radius, 0, 0])
+    model.add_joint("axle", "revolute", between=["ground", "hub"], axis="z")
+    model.add_joint("root", "fixed", between=["hub.rim", "plate.a"])
+    model.add_driver("motor", joint="axle", angle=f"{speed}*t")
+    model.add_force("push", "force", at="plate.b", value=[0, 0, "step5(t, 0, 0, 2, 1)"])
+    model.add_sensor("tip", "position", of="plate.b", relative_to="hub", axes="hub")
+    knobs = {"duration": 2.2, "start": "quasi-static", "verify": False}
+    without = flexmb.simulate(model, **knobs)["tip.z"][-1]
+    # a strip of unit width has the same bending stiffness and tension over its mass
+    scale = E * h**3 / 12 / EI * B  # of EI per width
+    K, Kg = ritz(radius, speed)
+    K, Kg = K * scale / B * width, Kg * (h * width) / (B * H)
+    true = 1.0 - np.linalg.solve(K + Kg, np.ones(len(K))).sum() / without
+    assert true > 0.03
+    assert told(outcome(model))[1] == pytest.approx(true, rel=0.5)
+
+
+def test_a_sensor_on_what_is_joined_to_the_strip():
+    """As on the strip itself; one elsewhere that no strip moves has nothing to tell."""
+    pull, push = 0.5 * np.pi**2 / 4 * EI, 0.2
+    for seen in (True, False):
+        model = between("fixed", "prismatic", 0.0, pull=pull)
+        del model.joints["b"]
+        model.sensors.clear()
+        model.add_body("lump", mass=0.01, inertia=[1e-5] * 3, position=[1, 0, 0])
+        model.add_body("other", mass=1.0, inertia=[1, 1, 1], velocity=[1, 0, 0])
+        model.add_joint("glue", "fixed", between=["strip.b", "lump"])
+        aside = [0, f"{push}*step5(t, 1, 0, 2, 1)", 0]
+        model.add_force("aside", "force", at="lump", value=aside)
+        model.add_sensor("place", "position", of="lump" if seen else "other")
+        found = told(outcome(model))
+        assert (found is not None) == seen
+        if found:
+            run = flexmb.simulate(model, duration=2.2, verify=False)
+            u = np.sqrt(pull / EI)
+            true = 1.0 - push / EI * (u - np.tanh(u)) / u**3 / run["place.y"][-1]
+            assert true > 0.03
+            assert found[1] == pytest.approx(true, rel=0.6)

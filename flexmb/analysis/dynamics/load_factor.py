@@ -359,11 +359,11 @@ def _rigid_mass(entry: np.void) -> Array:
     return np.block([[entry["mass"] * np.eye(3), -arm], [arm, J]])
 
 
-def slender_axis(body: FlexBody) -> tuple[Array, float]:
-    """Axis and length of a slender body; length 0 if it is not slender."""
+def slender_axis(body: FlexBody, ratio: float = _SLENDER) -> tuple[Array, float]:
+    """Axis and length of a body; length 0 if second moments across and along it exceed a ratio."""
     S = body.S0 - np.outer(body.S1, body.S1) / body.mass
     values, axes = np.linalg.eigh(S)
-    slender = values[1] < _SLENDER * values[2]
+    slender = values[1] < ratio * values[2]
     return axes[:, 2], float(np.sqrt(12.0 * values[2] / body.mass)) if slender else 0.0
 
 

@@ -8,7 +8,8 @@ dx. Joints that prevent it leave the tension h k δ, with k the axial stiffness 
 h = 1 − k c, where c is the compliance between them in the mechanism: 0 if they are held, 1/k if
 they are free. A row has the deformation η; with stiffening it is η' = (1 + C Kg(η'))⁻¹ η, with C
 the compliance of the modes in the mechanism, all bodies in equilibrium. The difference η' − η is
-the change, told at the position sensors on the body over their range, and over the deflection.
+the change, told at the position sensors on the body and on bodies joined to it, over their range,
+and over the deflection.
 
 The body frame of mean axes turns with a deflection, and so the engine has a part of the geometric
 stiffness; what is left out is that of the slopes in the body frame. Whether the forces would buckle
@@ -44,21 +45,26 @@ from flexmb.analysis.dynamics.load_factor import LoadFactorMonitor, Loads, slend
 from flexmb.analysis.monitors import Indicator
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
-from flexmb.flexbody import FlexBody, NodeModes
+from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.flexbody.static_response import LEAST_MOTION
 from flexmb.model.excitation import marker_interface
 from flexmb.model.model import Model
+from flexmb.model.reading import GROUND
 from flexmb.results.output_block import OutputBlock
 
 #: Change over the deflection of the body, and of a sensor over its range, from which a run says so.
 LARGEST_CHANGE, LARGEST_SENSOR_CHANGE = 0.1, 0.01
 #: Load factor of a body without geometric stiffening above which a run has a note.
 LARGEST_LOAD_FACTOR = 0.1
+# Ratio of second moments of mass across and along a body, and distance of its middle line from a
+# straight one over its length, up to which it bends as a bar.
+_SLENDER, _STRAIGHT = 0.3, 0.05
 _DIVISIONS = 24  # of a bar along its axis; its slopes are those between their ends
 _SAME_PLACE = 5e-3  # nodes closer along the axis than this share of the length are averaged
 _MIN_SHARE_OF_RUN = 0.1  # share of a run after which it may be refused
 _MAX_ROW_WEIGHT = 0.125  # largest weight of one row in the mean of forces over a period
+_VISIBLE = 1e-3  # change of a sensor below which that of the deflection does not matter
 _SENSORS = ("position", "distance")
 _DEPENDENT = 1e-9  # compliance of a set of joint rows, over the largest, that has no meaning
 # Share of the largest change so far from which on the first estimate of a row is made exact.
@@ -248,7 +254,8 @@ class OmittedStiffeningMonitor:
             if moved <= LEAST_MOTION:
                 continue
             share, seen = moved / self._deflection[k], self._sensor_change(k)
-            exceeds = share > LARGEST_CHANGE or (seen or 0.0) > LARGEST_SENSOR_CHANGE
+            exceeds = share > LARGEST_CHANGE and (seen is None or seen > _VISIBLE)
+            exceeds |= seen is not None and seen > LARGEST_SENSOR_CHANGE
             text = partial(self._sentence, one, share, seen, t, force, tension)
             value = share if seen is None else seen
             level = value * (0.5 if exceeds else 2.0)
@@ -274,7 +281,7 @@ class OmittedStiffeningMonitor:
         cause = f"it is {'pulled' if force > 0 else 'compressed'} with {say(abs(force))}"
         if tension > abs(force):
             cause = f"its joints hold the ends that its bow pulls together, with {say(tension)}"
-        sensors = "" if seen is None else f" and a sensor on it by {_percent(seen)} of its range"
+        sensors = "" if seen is None else f" and a sensor by {_percent(seen)} of its range"
         return (
             f"bodies.{one.columns.name}: geometric stiffening is left out, which would change its "
             f"deflection by about {_percent(share)}{sensors} (t = {at}: {cause}); reduce it with "
@@ -324,10 +331,10 @@ class _Compliance:
 
 
 def _bars(compiled: Compiled, model: Model) -> Iterator[_Bar]:
-    """The slender bodies without geometric stiffening."""
+    """The straight slender bodies without geometric stiffening."""
     numbers = compiled.system.parts.bodies["iv"]
     for columns, body in flexible_columns(compiled):
-        axis, length = slender_axis(body)
+        axis, length = slender_axis(body, _SLENDER)
         if body.centrifugal_stiffness is not None or not length or body.nodes is None:
             continue
         number = int(np.flatnonzero(numbers == columns.iv)[0])
@@ -335,7 +342,11 @@ def _bars(compiled: Compiled, model: Model) -> Iterator[_Bar]:
         along = (body.nodes.position - body.center) @ axis
         ends = np.linspace(along.min(), along.max(), _DIVISIONS + 1)
         across = np.linalg.svd(axis[None])[2][1:]
-        slopes = _slopes(body.nodes, along, across, ends)
+        middle = _means(body.nodes.position @ across.T, along, ends)
+        if np.ptp(middle, axis=0).max() > _STRAIGHT * (ends[-1] - ends[0]):
+            continue
+        moved = _means(across @ body.nodes.Phi_t, along, ends)
+        slopes = np.diff(moved, axis=0) / np.diff(ends)[:, None, None]
         joined_slopes = slopes - across @ np.cross(frame.turn.T, axis).T
         bow, span = np.zeros((columns.m,) * 2), np.zeros(columns.m)
         joined = [body.interface(place) for place in joined_interfaces(body, columns.name, model)]
@@ -354,19 +365,17 @@ def _bars(compiled: Compiled, model: Model) -> Iterator[_Bar]:
         )  # fmt: skip
 
 
-def _slopes(nodes: NodeModes, along: Array, across: Array, ends: Array) -> Array:
-    """(s, 2, m) mean slopes towards `across` (2, 3) between the `ends`, per unit eta."""
-    moved = across @ nodes.Phi_t  # (k, 2, m)
+def _means(values: Array, along: Array, ends: Array) -> Array:
+    """(s + 1, ...) means across the axis of values (k, ...) at nodes, at the `ends`."""
     step = _SAME_PLACE * (ends[-1] - ends[0])
     _, group, count = np.unique(
         np.round((along - ends[0]) / step), return_inverse=True, return_counts=True
     )
-    means = np.zeros((len(count), *moved.shape[1:]))
-    np.add.at(means, group, moved)
-    means /= count[:, None, None]
-    places = np.bincount(group, along) / count
-    at = np.array([np.interp(ends, places, one) for one in means.reshape(len(count), -1).T])
-    return np.diff(at.T.reshape(len(ends), *moved.shape[1:]), axis=0) / np.diff(ends)[:, None, None]
+    sums = np.zeros((len(count), *values.shape[1:]))
+    np.add.at(sums, group, values)
+    means, places = sums.reshape(len(count), -1).T / count, np.bincount(group, along) / count
+    at = np.array([np.interp(ends, places, one) for one in means])
+    return at.T.reshape(len(ends), *values.shape[1:])
 
 
 def _masses(body: FlexBody, ends: Array) -> Array:
@@ -382,24 +391,33 @@ def _sensors(
 ) -> Iterator[tuple[Array, Array]]:
     """Channels of each position sensor on a body, and the motion of its marker (3 k, m).
 
-    That is relative to the joints; of a marker that is no interface it is that of all points.
+    That is relative to the joints; of a marker that is no interface it is that of all points. A
+    body that is joined to an interface moves with it.
     """
     frame, channels = joined_frame(body, columns.name, model), compiled.layout.channels
+    names = [one.name for one in body.interfaces]
+    places: dict[str, set[str]] = {}  # of this body's interfaces, by the bodies joined there
+    for joint in model.joints.values():
+        for here, there in (joint.between, joint.between[::-1]):
+            owner, _, place = here.partition(".")
+            one = marker_interface(model.bodies[owner], place) if owner == columns.name else None
+            if one in names:
+                places.setdefault(there.partition(".")[0], set()).add(one or "")
     for name, spec in model.sensors.items():
         if spec.type not in _SENSORS:
             continue
+        numbers = [k for k, one in enumerate(channels) if one.partition(".")[0] == name]
         ends = (getattr(spec, "of", None), getattr(spec, "relative_to", None))
         for marker in getattr(spec, "between", None) or ends:
             owner, _, place = (marker or "").partition(".")
-            if owner != columns.name:
-                continue
-            interface = marker_interface(model.bodies[owner], place)
-            numbers = [k for k, one in enumerate(channels) if one.partition(".")[0] == name]
-            motion = relative_motion(body, frame)[0] * _size(body)
-            if any(one.name == interface for one in body.interfaces):
-                at = body.interface(interface or "")
-                motion = at.Phi_t - frame.at(at.position[None])[0]
-            yield np.array(numbers), motion
+            moved = places.get(owner, set())
+            if owner == columns.name:
+                moved = {marker_interface(model.bodies[owner], place) or ""}
+            if owner == columns.name and not moved <= set(names):
+                yield np.array(numbers), relative_motion(body, frame)[0] * _size(body)
+            elif owner != GROUND:
+                for at in map(body.interface, sorted(moved)):
+                    yield np.array(numbers), at.Phi_t - frame.at(at.position[None])[0]
 
 
 def _size(body: FlexBody) -> float:

@@ -66,8 +66,8 @@ _MAX_RATE_ERROR, _MAX_RATE_ERROR_AFTER_BEND = 0.3, 0.02
 # deformation between them shows its influence.
 _MIN_NET_CHANGE = 0.5
 # Change of a deflection over (Ω/ω₁)² from which on a body turns so far from the axis that its speed
-# alone does not tell that: 1.2 about an axis at its end.
-_FAR_FROM_AXIS = 4.0
+# alone does not tell that: about an axis at its end less than half of that.
+_FAR_FROM_AXIS = 2.0
 _SERIES_LIMIT = 1e-2  # |λ h| below which integrals are computed by series
 
 
