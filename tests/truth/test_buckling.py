@@ -260,3 +260,15 @@ def test_equal_columns_of_a_frame_buckle_together(all_are_told, monkeypatch):
     assert [name for name, _ in told] == ["left", "right"]
     for _, words in told:
         assert float(words.split()[0]) == pytest.approx(0.6, rel=0.02)
+
+
+@pytest.mark.parametrize("stiffening", [True, False])
+def test_each_equilibrium_of_statics_has_its_own_load_factor(stiffening):
+    """They were averaged as rows of a motion, so that the last of six had 0.4 of its own."""
+    model = loaded("cantilever", 0.0, stiffening=stiffening)
+    del model.forces["load"]
+    model.add_force("load", "force", at="column.tip", value=[f"-{EULER['cantilever']}*t", 0, 0])
+    run = flexmb.statics(model, duration=0.9, outputs=6)
+    words = "its loads are " if stiffening else "compressed by about "
+    (note,) = [note for note in run.notes if words in note]
+    assert float(note.split(words)[1].split()[0]) == pytest.approx(0.9, rel=0.03)

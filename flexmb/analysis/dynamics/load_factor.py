@@ -64,10 +64,12 @@ class LoadFactorMonitor:
         The model.
     q : (nq,) array
         First positions.
+    is_motion : bool
+        Whether the rows are a motion, whose vibrations do not count; not separate equilibria.
     """
 
-    def __init__(self, compiled: Compiled, model: Model, q: Array) -> None:
-        self._compiled, self._units = compiled, model.units
+    def __init__(self, compiled: Compiled, model: Model, q: Array, is_motion: bool = True) -> None:
+        self._compiled, self._units, self._is_motion = compiled, model.units, is_motion
         self._gravity = np.array(model.gravity or (0.0, 0.0, 0.0))
         self._bodies, periods = [], []
         if compiled.layout.nv <= MAX_COORDINATES:
@@ -134,7 +136,7 @@ class LoadFactorMonitor:
         forgotten = np.minimum(
             (t - np.where(np.isnan(last), t, last)) / self._periods, _MAX_ROW_WEIGHT
         )
-        mean += forgotten * (values - mean)
+        mean += (forgotten if self._is_motion else 1.0) * (values - mean)
         last[:] = t
         larger = mean > self._largest[0]
         self._largest[:, larger] = mean[larger], np.full(larger.sum(), t)

@@ -162,7 +162,7 @@ class OmittedStiffeningMonitor:
         load_factor: LoadFactorMonitor,
         is_motion: bool,
     ) -> None:
-        self._units, self._loads = model.units, load_factor.loads
+        self._units, self._loads, self._is_motion = model.units, load_factor.loads, is_motion
         self._gravity = np.array(model.gravity or (0.0, 0.0, 0.0))
         self._bars = [] if compiled.layout.nv > MAX_COORDINATES else list(_bars(compiled, model))
         n, most = len(self._bars), max((one.columns.m for one in self._bars), default=0)
@@ -235,7 +235,7 @@ class OmittedStiffeningMonitor:
         means = np.empty_like(forces)
         mean, last = self._forces[k], self._last[k]
         for row in range(len(t)):
-            if np.isnan(last):
+            if np.isnan(last) or not self._is_motion:
                 mean = forces[row]
             else:
                 share = min((t[row] - last) / self._periods[k], _MAX_ROW_WEIGHT)

@@ -90,7 +90,7 @@ class ValidityMonitor:
         self._spec = model.validity or ValiditySpec()
         self._elasticity = LinearElasticityMonitor(compiled, model, q)
         self._basis = ModalBasisMonitor(compiled, model, is_motion)
-        self._load_factor = LoadFactorMonitor(compiled, model, q)
+        self._load_factor = LoadFactorMonitor(compiled, model, q, is_motion)
         self._inertia = _inertia_monitor(compiled, model, q)
         self._monitors: tuple[Monitor, ...] = ()  # all of them are of flexible bodies
         if compiled.system.parts.bodies["m"].any():
