@@ -86,6 +86,7 @@ class _Bar:
     bow: Array  # (m, m) of unit force between the joined ends; zero without two of these
     span: Array  # (m,) by which these ends move apart, m per unit eta
     points: Array  # (3 k, m) displacements relative to the joints, m per unit eta
+    is_mean_axis: bool  # its frame; in one at an interface moments lack N times the deflection
     sensors: tuple[tuple[Array, Array], ...]  # channels; (3 k, m) motion of their markers
 
     def stiffness(self, N: Array) -> Array:
@@ -254,13 +255,15 @@ class OmittedStiffeningMonitor:
             if moved <= LEAST_MOTION:
                 continue
             share, seen = moved / self._deflection[k], self._sensor_change(k)
-            exceeds = share > LARGEST_CHANGE and (seen is None or seen > _VISIBLE)
-            exceeds |= seen is not None and seen > LARGEST_SENSOR_CHANGE
+            bends = share > LARGEST_CHANGE and (
+                seen is None or seen > _VISIBLE or not one.is_mean_axis
+            )
+            value, level = share, LARGEST_CHANGE
+            if seen is not None and (seen > LARGEST_SENSOR_CHANGE or not bends):
+                value, level = seen, LARGEST_SENSOR_CHANGE
             text = partial(self._sentence, one, share, seen, t, force, tension)
-            value = share if seen is None else seen
-            level = value * (0.5 if exceeds else 2.0)
             early = self._last[k] - self._begin[0] < self._settled
-            bound = 0.0 if early else min(share, value)
+            bound = 0.0 if early else min(share, share if seen is None else seen)
             yield Indicator(one.columns.name, "stiffening", value, t, level, text, bound)
 
     def _sensor_change(self, k: int) -> float | None:
@@ -281,7 +284,7 @@ class OmittedStiffeningMonitor:
         cause = f"it is {'pulled' if force > 0 else 'compressed'} with {say(abs(force))}"
         if tension > abs(force):
             cause = f"its joints hold the ends that its bow pulls together, with {say(tension)}"
-        sensors = "" if seen is None else f" and a sensor by {_percent(seen)} of its range"
+        sensors = "" if not seen else f" and a sensor by {_percent(seen)} of its range"
         return (
             f"bodies.{one.columns.name}: geometric stiffening is left out, which would change its "
             f"deflection by about {_percent(share)}{sensors} (t = {at}: {cause}); reduce it with "
@@ -358,10 +361,11 @@ def _bars(compiled: Compiled, model: Model) -> Iterator[_Bar]:
             )
             bow = np.einsum("s,sai,saj->ij", inside.clip(0.0), slopes, slopes)
             span = axis @ (joined[b].Phi_t - joined[a].Phi_t)
+        frame_of = getattr(model.bodies[columns.name], "frame_interface", None)
         points, sensors = relative_motion(body, frame)[0], _sensors(compiled, model, columns, body)
         yield _Bar(
             columns, body, number, axis, ends, _masses(body, ends), slopes, joined_slopes,
-            bow, span, points, tuple(sensors),
+            bow, span, points, frame_of is None, tuple(sensors),
         )  # fmt: skip
 
 
