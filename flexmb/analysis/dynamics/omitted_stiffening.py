@@ -97,7 +97,7 @@ class _Bar:
     def load_factors(self, N: Array, root: Array) -> Array:
         """(t,) of axial forces N (t, s), with root rootᵀ the compliance of the modes."""
         bent = self.joined @ root
-        Kg = np.einsum("ts,sai,saj->tij", N * np.diff(self.ends), bent, bent)
+        Kg = np.tensordot(N * np.diff(self.ends), bent.transpose(0, 2, 1) @ bent, 1)
         return np.asarray(np.linalg.eigvalsh(-Kg)[:, -1].clip(0.0))
 
     def axial_forces(self, loads: Loads, on: IntArray, gravity: Array) -> Array:
@@ -211,7 +211,8 @@ class OmittedStiffeningMonitor:
                 self._load_factor[:, k] = factors[row], rows.t[row]
             bow = 0.5 * one.tension(C) * np.einsum("ti,ij,tj->t", eta, one.bow, eta)
             weights = forces * np.diff(one.ends)
-            load = np.einsum("ts,sai,saj,tj->ti", weights, one.slopes, one.slopes, eta)
+            bent = np.tensordot(eta, one.slopes, (1, 2)) * weights[..., None]
+            load = np.tensordot(bent, one.slopes, 2)
             load += bow[:, None] * (eta @ one.bow)
             about = largest_lengths(load @ C, one.points)
             # a tension changes no deflection by more than itself
