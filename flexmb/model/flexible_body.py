@@ -143,6 +143,16 @@ class FlexibleBodySpec(BodySpec):
         what = f'the body has no interface "{name}"'
         return [Problem("frame", what, tuple(interfaces), nearest(name, interfaces))]
 
+    def mode_problems(self, m: int, what_is: str = "numbered") -> list[Problem]:
+        """What is wrong with the numbers of `deformation`, of a body with m modes."""
+        problems = []
+        for word in ("dynamic", "quasi_static"):
+            wrong = [k for k in getattr(self.deformation, word, None) or () if k >= m]
+            if wrong:
+                what = f"the body has no mode {wrong[0]}: they are {what_is} from 0 to {m - 1}"
+                problems.append(Problem(f"deformation.{word}", what))
+        return problems
+
     def simulated(self, body: FlexBody) -> FlexBody:
         """A reduced body as a run uses it: with the requested effects and frame.
 
@@ -161,12 +171,7 @@ class FlexibleBodySpec(BodySpec):
             what = "the body has no data for it: reduce its mesh with geometric_stiffening = "
             what += '"full" (flexmb reduce --geometric-stiffening full)'
             problems.append(Problem("geometric_stiffening", what))
-        if isinstance(self.deformation, DeformationSpec):
-            for word in ("dynamic", "quasi_static"):
-                wrong = [k for k in getattr(self.deformation, word) or () if k >= body.m]
-                if wrong:
-                    what = f"the body has no mode {wrong[0]}: they are numbered from 0 to "
-                    problems.append(Problem(f"deformation.{word}", f"{what}{body.m - 1}"))
+        problems += self.mode_problems(body.m) if body.m else []  # none: it is not reduced yet
         stiffness = np.diag(body.K)
         for k in () if problems else self.static_modes(body):
             if stiffness[k] <= _NO_STIFFNESS * stiffness.max():
@@ -222,7 +227,7 @@ class FlexibleBodySpec(BodySpec):
         low, high = 0.0, cutoff
         if isinstance(words, DeformationSpec):
             if words.quasi_static is not None:
-                return words.quasi_static
+                return tuple(k for k in every if k in words.quasi_static)
             if words.dynamic is not None:
                 return tuple(k for k in every if k not in words.dynamic)
             assert words.band is not None  # exactly one of the three is given

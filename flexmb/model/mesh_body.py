@@ -221,11 +221,13 @@ class MeshBodySpec(FlexibleBodySpec):
             what = what if not own else 'an .npz file goes with reduction = "user"'
             problems.append(Problem("modes", what))
         problems += self.frame_problems(tuple(self.interfaces))
-        if self.damping is not None and isinstance(self.modes, int | None):
+        if isinstance(self.modes, int | None):
             most = 6 * len(self.interfaces) + self.mode_count + _MAX_RESIDUALS + 2 * len(self.loads)
-            for number in (n for n in self.damping.modes or {} if int(n) > most):
+            ratios = () if self.damping is None else self.damping.modes or {}
+            for number in (n for n in ratios if int(n) > most):
                 what = f"there is no such mode: the body has at most {most}"
                 problems.append(Problem(f"damping.modes.{number}", what))
+            problems += self.mode_problems(most, "numbered at most")
         if self.reduction == "guyan" and self.modes not in (None, 0):
             problems.append(Problem("modes", "a static reduction (guyan) keeps none; leave it out"))
         if self.refine > _MAX_REFINEMENTS:

@@ -286,3 +286,34 @@ def test_a_reaction_of_a_load_of_a_body_is_refused(tmp_path):
     (tmp_path / "scene.toml").write_text(write(tmp_path).read_text() + BODY_LOAD + sensor)
     with pytest.raises(SceneError, match=r"sensors.r.force: acts all over a body, at no marker"):
         load_scene(tmp_path / "scene.toml")
+
+
+@pytest.mark.parametrize(
+    ("numbers", "sentence"),
+    [
+        ({"dynamic": [0, 1]}, ""),
+        ({"quasi_static": [11]}, ""),
+        ({"dynamic": [0, 99]}, "no mode 99: they are numbered at most from 0 to 29"),
+    ],
+)
+def test_a_list_of_modes_before_the_reduction(tmp_path, numbers, sentence):
+    """`flexmb check` refused each list: of a mesh that was not reduced yet it knew no mode."""
+    (word, modes), scene = *numbers.items(), tmp_path / "scene.toml"
+    scene.write_text(f"""
+[bodies.arm]
+mesh = {{ type = "beam", length = 1.0, divisions = 4 }}
+material = "steel"
+sections = {{ all = {{ type = "rectangle", y = 0.01, z = 0.02 }} }}
+interfaces = {{ root = "start", tip = "end" }}
+modes = 6
+deformation = {{ {word} = {modes} }}
+
+[joints]
+root = {{ type = "fixed", between = ["ground", "arm.root"] }}
+
+[dynamics]
+duration = 0.01
+""")
+    found = CliRunner().invoke(app, ["check", str(scene)])
+    assert found.exit_code == (2 if sentence else 0)
+    assert sentence in " ".join(found.output.split())

@@ -83,7 +83,7 @@ def all_are_told(monkeypatch):
 @pytest.mark.parametrize("ends", EULER)
 @pytest.mark.parametrize("share", [0.2, 0.9])
 def test_the_load_factor_is_the_share_of_eulers_load(ends, share, all_are_told, monkeypatch):
-    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t, on:
+    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t:
                         f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
     assert load_factor(loaded(ends, share * EULER[ends])) == pytest.approx(share, rel=0.01)
 
@@ -93,7 +93,7 @@ def test_the_load_factor_is_the_share_of_eulers_load(ends, share, all_are_told, 
     ids=["1 km away", "of a micrometre", "of solids"],
 )  # fmt: skip
 def test_wherever_it_stands_and_of_any_size(variant, all_are_told, monkeypatch):
-    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t, on:
+    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t:
                         f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
     size = variant.get("size", 1.0)
     model = loaded("cantilever", 0.5 * EULER["cantilever"] * size**2, **variant)
@@ -102,7 +102,7 @@ def test_wherever_it_stands_and_of_any_size(variant, all_are_told, monkeypatch):
 
 def test_a_thin_column_beside_a_flywheel(all_are_told, monkeypatch):
     """A thin rod on a ball joint turns about itself by nothing, beside the heaviest of bodies."""
-    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t, on:
+    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t:
                         f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
     model = loaded("cantilever", 0.5 * EULER["cantilever"])
     model.add_marker("ground.ball", position=[0, 5, 0])
@@ -127,7 +127,7 @@ def test_a_run_warns_before_the_column_buckles_and_stops_where_it_does(share, wh
 
 def test_a_mast_with_a_mass_on_top_is_a_cantilever_under_its_weight(all_are_told, monkeypatch):
     """The mass moves with the tip; held there, the load factor would be a sixteenth."""
-    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t, on:
+    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t:
                         f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
     load, mass = 0.5 * EULER["cantilever"], 100.0
     model = Model("mast", gravity=[-load / mass, 0, 0])
@@ -138,6 +138,21 @@ def test_a_mast_with_a_mass_on_top_is_a_cantilever_under_its_weight(all_are_told
     # its own weight of 1 % of that on top: 7.837 EI/L² buckle a column by its weight alone
     own = 0.01 * load / 7.837
     assert load_factor(model) == pytest.approx(0.5 + own, rel=0.01)
+
+
+@pytest.mark.parametrize(("share", "what"), [(0.7, ""), (0.85, "note"), (1.1, "refusal")])
+def test_a_load_on_a_plate_on_top(share, what):
+    """No load was noticed here: with the plate at rest the column would bear sixteen times more."""
+    model = loaded("cantilever", 0.0)
+    del model.forces["load"]
+    model.add_body("plate", mass=1e-3, inertia=[1e-6] * 3, position=[1, 0, 0])
+    model.add_joint("glue", "fixed", between=["column.tip", "plate"])
+    model.add_force("load", "force", at="plate", value=[-share * EULER["cantilever"], 0, 0])
+    found = outcome(model, duration=2.0, outputs=20, start="quasi-static")
+    words = f"its loads are {share:.2g} of those that buckle it"
+    told = [note for note in found.notes if words in note]
+    assert bool(told) == (what == "note")
+    assert ("that buckle it" in found.message) == (what == "refusal")
 
 
 def test_a_strut_of_rigid_bodies_pushes_on_a_column(all_are_told):
@@ -167,7 +182,7 @@ def test_a_blade_that_points_to_the_axis_is_buckled_by_its_own_centrifugal_load(
 ):
     """∫q dx = 16.1 EI/L² of loads q = q₀ (1 − x/L) along a cantilever buckle it (Timoshenko & Gere,
     §2.12, of the powers n of 1 − x/L that of n = 1). Here q₀ = ρA Ω² L."""
-    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t, on:
+    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t:
                         f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
     speed = np.sqrt(0.5 * 2 * 16.1)
     model = Model("blade")
@@ -222,3 +237,38 @@ def test_the_load_factors_of_many_rows_are_those_of_each(monkeypatch):
     monkeypatch.setattr("flexmb.analysis.dynamics.load_factor._MAX_ENTRIES", 400)
     some = np.array([20, 3, 11])
     np.testing.assert_allclose(monitor._values(rows, some)[:, 0], values[some], rtol=1e-9)
+
+
+def test_equal_columns_of_a_frame_buckle_together(all_are_told, monkeypatch):
+    """Row by row one or the other was named, and the mean of each was half of the load factor."""
+    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t:
+                        f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
+    model, middle = Model("frame"), column().interface("root").position
+    model.add_body("beam", mass=0.1, inertia=[0.01] * 3, position=[1, 0.4, 0])
+    for name, place in (("left", 0.0), ("right", 0.8)):
+        model.add_marker(f"ground.{name}", position=np.add([0, place, 0], middle))
+        model.add_marker(f"beam.{name}", position=[0, place - 0.4, 0])
+        model.add_body(name, column(), position=[0, place, 0])
+        model.add_joint(name, "fixed", between=[f"ground.{name}", f"{name}.root"])
+        model.add_joint(f"top_{name}", "revolute", between=[f"{name}.tip", f"beam.{name}"],
+                        axis="z")  # fmt: skip
+    load = 2 * 0.6 * EULER["cantilever"]
+    model.add_force("load", "force", at="beam", value=[f"-{load}*step5(t, 0, 0, 2, 1)", 1e-3, 0])
+    model.set_validity(load_factor="any", deflection="any")
+    found = outcome(model, duration=4.0, outputs=120, start="quasi-static")
+    told = [note.split(" are ") for note in found.notes if "of those that buckle it" in note]
+    assert [name for name, _ in told] == ["left", "right"]
+    for _, words in told:
+        assert float(words.split()[0]) == pytest.approx(0.6, rel=0.02)
+
+
+@pytest.mark.parametrize("stiffening", [True, False])
+def test_each_equilibrium_of_statics_has_its_own_load_factor(stiffening):
+    """They were averaged as rows of a motion, so that the last of six had 0.4 of its own."""
+    model = loaded("cantilever", 0.0, stiffening=stiffening)
+    del model.forces["load"]
+    model.add_force("load", "force", at="column.tip", value=[f"-{EULER['cantilever']}*t", 0, 0])
+    run = flexmb.statics(model, duration=0.9, outputs=6)
+    words = "its loads are " if stiffening else "compressed by about "
+    (note,) = [note for note in run.notes if words in note]
+    assert float(note.split(words)[1].split()[0]) == pytest.approx(0.9, rel=0.03)

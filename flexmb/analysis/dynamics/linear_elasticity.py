@@ -277,7 +277,7 @@ def loads_without_stiffening(compiled: Compiled, model: Model) -> Iterator[str]:
             )
 
 
-def _joined_interfaces(body: FlexBody, name: str, model: Model) -> dict[str, bool]:
+def joined_interfaces(body: FlexBody, name: str, model: Model) -> dict[str, bool]:
     """Interfaces of a body with joints, in order; whether a joint constrains all rotations."""
     driven = {spec.joint for spec in model.drivers.values()}
     places: dict[str, bool] = {}
@@ -307,7 +307,7 @@ class JoinedFrame(NamedTuple):
 def joined_frame(body: FlexBody, name: str, model: Model) -> JoinedFrame:
     """The frame of the first clamped interface; otherwise that of the straight line between the two
     joined interfaces that are farthest apart; otherwise the mean axes."""
-    places = _joined_interfaces(body, name, model)
+    places = joined_interfaces(body, name, model)
     points = [body.interface(place) for place in places]
     clamped = [body.interface(place) for place, holds in places.items() if holds]
     if clamped:

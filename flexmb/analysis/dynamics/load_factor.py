@@ -1,12 +1,10 @@
-"""Load factor of flexible bodies in a run: their loads over those that buckle them.
+"""Load factor of stiffened flexible bodies in a run: their loads over those that buckle them.
 
-With geometric stiffening, the load factor μ is the largest number for which K + K_g/μ is singular.
+The load factor μ is the largest number for which K + K_g/μ is singular.
 K_g is the geometric stiffness of the forces at markers and of the inertia loads at one time of the
 run, for those motions of the whole mechanism that deform it. The mean over a vibration period
-counts, since waves along a bar do not buckle it. Above μ = 1 linear theory is not valid. Without
-geometric stiffening, slender bodies are judged by their axial force over the Euler load of a pinned
-bar with their lowest frequency, 0.1 ω₁² m L, which is correct within a factor of two for other
-supports.
+counts, since waves along a bar do not buckle it. Above μ = 1 linear theory is not valid. Bodies
+without geometric stiffening are judged by :mod:`flexmb.analysis.dynamics.omitted_stiffening`.
 
 Sources: Euler's columns, Timoshenko & Gere, Theory of Elastic Stability, §2.2; the relation of load
 and frequency, f = f₀ √(1 − P/P_cr), Timoshenko, Vibration Problems in Engineering, §5.11.
@@ -26,6 +24,7 @@ from flexmb.analysis.assembly.jacobian import (
     numerical_rank,
     one_blas_thread,
 )
+from flexmb.analysis.assembly.mechanism_modes import MechanismModes
 from flexmb.analysis.dynamics.linear_elasticity import flexible_columns, joined_modes
 from flexmb.analysis.monitors import Indicator
 from flexmb.engine.allocation import new_state, new_work
@@ -34,6 +33,7 @@ from flexmb.engine.compiled_calls import stage_solver
 from flexmb.engine.initial_conditions import RESIDUAL
 from flexmb.engine.state import State, Work
 from flexmb.engine.tables import bend_of
+from flexmb.errors import AssemblyError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, IntArray, skew
 from flexmb.flexbody.natural_modes import matrices_at_rest
@@ -41,19 +41,22 @@ from flexmb.model.forces.load import BodyLoadSpec
 from flexmb.model.model import Model
 from flexmb.results.output_block import OutputBlock
 
-#: Load factors above which a run has a note, with and without geometric stiffening.
-NEAR_BUCKLING, LARGEST_AXIAL_LOAD = 0.8, 0.1
+#: Load factor above which a run has a note.
+NEAR_BUCKLING = 0.8
 _EULER = 0.1  # Euler load of a pinned bar over ω₁² m L: 1/π²
 _SLENDER = 0.05  # largest ratio of the second moments of mass across and along a slender bar
 # Rows are examined if a simple upper bound of the load exceeds this share of the warning level.
 _MIN_ESTIMATE = 0.3
 _MAX_ROW_WEIGHT = 0.125  # largest weight of one row in the mean over a period
 _MAX_ENTRIES = 2_000_000  # matrix entries of all rows that are examined together
+# Strain energy of a body in the motion that buckles, over the largest, with which it buckles too:
+# equal columns of a frame have the same.
+_MIN_ENERGY = 0.5
 _RIGID_SHARE = 1e-9  # ω² over the largest one, below which a motion deforms nothing
 
 
 class LoadFactorMonitor:
-    """Computes the load factor of each slender flexible body along a run.
+    """Computes the load factor of each slender body with geometric stiffening along a run.
 
     Parameters
     ----------
@@ -61,23 +64,26 @@ class LoadFactorMonitor:
         The model.
     q : (nq,) array
         First positions.
+    is_motion : bool
+        Whether the rows are a motion, whose vibrations do not count; not separate equilibria.
     """
 
-    def __init__(self, compiled: Compiled, model: Model, q: Array) -> None:
-        self._compiled, self._units = compiled, model.units
+    def __init__(self, compiled: Compiled, model: Model, q: Array, is_motion: bool = True) -> None:
+        self._compiled, self._units, self._is_motion = compiled, model.units, is_motion
         self._gravity = np.array(model.gravity or (0.0, 0.0, 0.0))
         self._bodies, periods = [], []
         if compiled.layout.nv <= MAX_COORDINATES:
-            Cq = None
+            Cq = lowest = None
             for columns, body in flexible_columns(compiled):
                 Cq = ConstraintRows(compiled).evaluate(q).Cq if Cq is None else Cq
                 frequencies, _ = joined_modes(body, columns, q, Cq)
-                axis, length = _bar(body)
-                if length == 0.0 or not len(frequencies):
-                    continue
-                euler = _EULER * frequencies[0] ** 2 * body.mass * length
+                _, length = slender_axis(body)
                 stiffened = body.centrifugal_stiffness is not None
-                self._bodies.append((columns, body, axis, length, euler, stiffened))
+                if length == 0.0 or not len(frequencies) or not stiffened:
+                    continue
+                lowest = _lowest_frequency(compiled, q) if lowest is None else lowest
+                euler = _EULER * min(frequencies[0], lowest) ** 2 * body.mass * length
+                self._bodies.append((columns, body, euler))
                 periods.append(2.0 * np.pi / frequencies[0])
         self._periods = np.array(periods)
         self._reactions = [
@@ -110,15 +116,14 @@ class LoadFactorMonitor:
         if not self._bodies:
             return
         worth = np.zeros(len(rows.t), bool)
-        for k, (columns, body, _, _, euler, stiffened) in enumerate(self._bodies):
+        for k, (columns, body, euler) in enumerate(self._bodies):
             force = np.abs(rows.lam).sum(axis=1)  # used if reactions are not stored
             if rows.reactions.size:
                 parts = rows.reactions.reshape(len(rows.t), -1, 12)[:, self._reactions[k], :3]
                 force = np.linalg.norm(parts, axis=2).sum(axis=1)
             far = np.linalg.norm(rows.vd[:, columns.iv : columns.iv + 3] - self._gravity, axis=1)
             load = force + body.mass * far
-            level = NEAR_BUCKLING if stiffened else LARGEST_AXIAL_LOAD
-            worth |= (load > _MIN_ESTIMATE * level * euler) | self._loaded[k]
+            worth |= (load > _MIN_ESTIMATE * NEAR_BUCKLING * euler) | self._loaded[k]
         values = np.zeros((len(rows.t), len(self._bodies)))
         values[worth] = self._values(rows, np.flatnonzero(worth))
         for row in range(len(rows.t)) if worth.any() or self._mean[0].any() else ():
@@ -131,7 +136,7 @@ class LoadFactorMonitor:
         forgotten = np.minimum(
             (t - np.where(np.isnan(last), t, last)) / self._periods, _MAX_ROW_WEIGHT
         )
-        mean += forgotten * (values - mean)
+        mean += (forgotten if self._is_motion else 1.0) * (values - mean)
         last[:] = t
         larger = mean > self._largest[0]
         self._largest[:, larger] = mean[larger], np.full(larger.sum(), t)
@@ -146,30 +151,22 @@ class LoadFactorMonitor:
     def diverging(self) -> str:
         """The sentence on the first body that its loads have buckled, or ""."""
         for one in self.indicators():
-            if one.warning == NEAR_BUCKLING and one.value > 1.0:
+            if one.value > 1.0:
                 return one.text()
         return ""
 
     def indicators(self) -> Iterator[Indicator]:
         """The load factor of each body."""
-        for k, (columns, _, _, _, _, stiffened) in enumerate(self._bodies):
+        for k, (columns, *_) in enumerate(self._bodies):
             value, t = self._largest[:, k]
-            level = NEAR_BUCKLING if stiffened else LARGEST_AXIAL_LOAD
-            text = partial(self._sentence, columns.name, value, t, stiffened)
-            yield Indicator(columns.name, "load_factor", value, t, level, text)
+            text = partial(self._sentence, columns.name, value, t)
+            yield Indicator(columns.name, "load_factor", value, t, NEAR_BUCKLING, text)
 
-    def _sentence(self, name: str, value: float, t: float, stiffened: bool) -> str:
-        at = self._units.say(t, "s", 4)
-        if stiffened:
-            what = "linear theory ends at one; make it stiffer, or shorten it between its joints"
-            return (
-                f"bodies.{name}: at t = {at} its loads are {value:.2g} of those that buckle it: "
-                f"{what}"
-            )
+    def _sentence(self, name: str, value: float, t: float) -> str:
+        what = "linear theory ends at one; make it stiffer, or shorten it between its joints"
         return (
-            f"bodies.{name}: at t = {at} it is compressed by about {value:.2g} of the load that "
-            "buckles it, yet its forces do not soften it; reduce it with "
-            'geometric_stiffening = "full"'
+            f"bodies.{name}: at t = {self._units.say(t, 's', 4)} its loads are {value:.2g} of "
+            f"those that buckle it: {what}"
         )
 
     @one_blas_thread()
@@ -181,18 +178,11 @@ class LoadFactorMonitor:
         size = max(1, _MAX_ENTRIES // self._compiled.layout.nv**2)
         for first in range(0, len(which), size):
             part = slice(first, first + size)
-            loads = self._loads(rows, which[part])
-            if any(one[-1] for one in self._bodies):
-                values[part] = self._mechanism.load_factors(loads)[:, numbers]
-            for k, (_, body, axis, length, euler, stiffened) in enumerate(self._bodies):
-                if not stiffened:
-                    at = parts.markers["body"] == numbers[k]
-                    along = loads.forces[:, at] @ (loads.A[:, numbers[k]] @ axis)[..., None]
-                    arms = (loads.s[:, at] - body.center) @ axis
-                    values[part, k] = -(along[..., 0] * arms).sum(axis=1) / length / euler
+            loads = self.loads(rows, which[part])
+            values[part] = self._mechanism.load_factors(loads)[:, numbers]
         return values
 
-    def _loads(self, rows: OutputBlock, which: IntArray) -> _Loads:
+    def loads(self, rows: OutputBlock, which: IntArray) -> Loads:
         """The forces at all markers at the rows `which`."""
         state, work, solve = self._scratch
         forces, arms, axes = [], [], []
@@ -205,7 +195,7 @@ class LoadFactorMonitor:
             arms.append(work.now.marker["s"].copy())
             axes.append(work.now.body["A"].copy())
         q, v, vd = (getattr(rows, name)[which] for name in ("q", "v", "vd"))
-        return _Loads(q, v, vd, *(np.array(one) for one in (forces, arms, axes)))
+        return Loads(q, v, vd, *(np.array(one) for one in (forces, arms, axes)))
 
     def _forces(self, work: Work, lam: Array) -> Array:
         """(markers, 3) forces, including those of point joints, which the engine does not store."""
@@ -222,7 +212,7 @@ class LoadFactorMonitor:
 
 
 @dataclass(frozen=True, eq=False)
-class _Loads:
+class Loads:
     """Loads at n times of a run: q, v, vd; forces at markers (n, markers, 3) in global axes, their
     arms in body axes; the axes A (n, bodies, 3, 3) of all bodies."""
 
@@ -254,8 +244,8 @@ class _Mechanism:
             self._root[part, part] = _square_root(M)
             self._bodies.append((entry, part, body, mean))
 
-    def load_factors(self, loads: _Loads) -> Array:
-        """(n, bodies) load factors of the mechanism, each assigned to the body that buckles."""
+    def load_factors(self, loads: Loads) -> Array:
+        """(n, bodies) load factors of the mechanism, each assigned to the bodies that buckle."""
         n, Kg = len(loads.q), self._geometric_stiffness(loads)
         poses = [self._rows.evaluate(q).jacobian for q in loads.q]
         _, S, Vt = np.linalg.svd(np.array([pose.A for pose in poses]))
@@ -281,10 +271,13 @@ class _Mechanism:
         factors, shapes = np.linalg.eigh(-0.5 * Vt @ (Kg[rows] + Kg[rows].transpose(0, 2, 1)) @ V)
         x = (V @ shapes[:, :, -1:])[..., 0]
         parts = [part for _, part, *_ in self._bodies]
-        energy = [((x[:, own] @ self._K[own, own]) * x[:, own]).sum(axis=1) for own in parts]
-        values[rows, np.argmax(energy, axis=0)] = factors[:, -1]
+        energy = np.array(
+            [((x[:, own] @ self._K[own, own]) * x[:, own]).sum(axis=1) for own in parts]
+        ).T
+        buckles = energy >= _MIN_ENERGY * energy.max(axis=1, keepdims=True)
+        values[rows] = np.where(buckles, factors[:, -1:], 0.0)
 
-    def _geometric_stiffness(self, loads: _Loads) -> Array:
+    def _geometric_stiffness(self, loads: Loads) -> Array:
         """(n, nv, nv) second variation of the work of all loads by rotations and eta, body axes.
 
         The loads are forces at markers and inertia forces ρ (a + G s), all of constant direction.
@@ -324,6 +317,16 @@ class _Mechanism:
         return K
 
 
+def _lowest_frequency(compiled: Compiled, q: Array) -> float:
+    """Of all flexible bodies in the mechanism [rad/s]: a body on top of a column moves with it."""
+    every = list(range(len(compiled.layout.bodies)))
+    flexible = [k for k in every if compiled.layout.bodies[k].m]
+    try:
+        return float(MechanismModes(compiled, q, every).vibrations(*flexible).omega[0])
+    except AssemblyError:  # motions without inertia
+        return 0.0
+
+
 def _natural_motions(K: Array, root: Array, N: Array) -> tuple[Array, Array]:
     """Squared frequencies (n, d), ascending, and their motions y (n, d, d) with N y of unit mass.
 
@@ -358,11 +361,11 @@ def _rigid_mass(entry: np.void) -> Array:
     return np.block([[entry["mass"] * np.eye(3), -arm], [arm, J]])
 
 
-def _bar(body: FlexBody) -> tuple[Array, float]:
-    """Axis and length of a slender body; length 0 if it is not slender."""
+def slender_axis(body: FlexBody, ratio: float = _SLENDER) -> tuple[Array, float]:
+    """Axis and length of a body; length 0 if second moments across and along it exceed a ratio."""
     S = body.S0 - np.outer(body.S1, body.S1) / body.mass
     values, axes = np.linalg.eigh(S)
-    slender = values[1] < _SLENDER * values[2]
+    slender = values[1] < ratio * values[2]
     return axes[:, 2], float(np.sqrt(12.0 * values[2] / body.mass)) if slender else 0.0
 
 

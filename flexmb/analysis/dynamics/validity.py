@@ -37,6 +37,7 @@ from flexmb.analysis.dynamics.linear_elasticity import (
 )
 from flexmb.analysis.dynamics.load_factor import LoadFactorMonitor
 from flexmb.analysis.dynamics.modal_basis import ModalBasisMonitor
+from flexmb.analysis.dynamics.omitted_stiffening import OmittedStiffeningMonitor
 from flexmb.analysis.monitors import Indicator, Monitor
 from flexmb.engine.bodies.static_modes import static_bodies, static_coordinates
 from flexmb.engine.compile import Compiled
@@ -64,6 +65,9 @@ _MAX_RATE_ERROR, _MAX_RATE_ERROR_AFTER_BEND = 0.3, 0.02
 # Net change of a function between two rows, over its range there, from which on the change of the
 # deformation between them shows its influence.
 _MIN_NET_CHANGE = 0.5
+# Change of a deflection over (Ω/ω₁)² from which on a body turns so far from the axis that its speed
+# alone does not tell that: about an axis at its end less than half of that.
+_FAR_FROM_AXIS = 2.0
 _SERIES_LIMIT = 1e-2  # |λ h| below which integrals are computed by series
 
 
@@ -86,13 +90,14 @@ class ValidityMonitor:
         self._spec = model.validity or ValiditySpec()
         self._elasticity = LinearElasticityMonitor(compiled, model, q)
         self._basis = ModalBasisMonitor(compiled, model, is_motion)
-        self._load_factor = LoadFactorMonitor(compiled, model, q)
+        self._load_factor = LoadFactorMonitor(compiled, model, q, is_motion)
         self._inertia = _inertia_monitor(compiled, model, q)
         self._monitors: tuple[Monitor, ...] = ()  # all of them are of flexible bodies
         if compiled.system.parts.bodies["m"].any():
             self._monitors = (
                 self._elasticity,
                 self._load_factor,
+                OmittedStiffeningMonitor(compiled, model, q, self._load_factor, is_motion),
                 *((self._inertia,) if self._inertia else ()),
                 self._basis,
                 *((OmittedVibrationMonitor(compiled, model, q),) if is_motion else ()),
@@ -132,8 +137,9 @@ class ValidityMonitor:
         """A sentence on each body and limit that is exceeded."""
         yield from self._notes
         yield from self._basis.notes()
-        for one in self.indicators():
-            if one.value > one.warning:
+        exceeded = [one for one in self.indicators() if one.value > one.warning]
+        for one in exceeded:
+            if not any(other.body == one.body and _tells(other, one) for other in exceeded):
                 yield one.text()
 
     def diverging(self, state: State) -> str:
@@ -164,6 +170,8 @@ class ValidityMonitor:
         """The sentence on the first bound that is exceeded, or ""."""
         for one in self.indicators():
             bound = getattr(self._spec, one.quantity, "any")
+            if one.quantity == "stiffening" and isinstance(self._spec.speed, str):
+                continue  # asked for without stiffening
             value = one.value if one.against_bound is None else one.against_bound
             if not isinstance(bound, str) and value > bound:
                 way_on = f'{one.quantity} = "any" under [validity] runs on'
@@ -188,6 +196,18 @@ def _inertia_monitor(
     from flexmb.analysis.dynamics.deformed_inertia import DeformedInertiaMonitor
 
     return DeformedInertiaMonitor(compiled, model, q)
+
+
+def _tells(other: Indicator, one: Indicator) -> bool:
+    """Whether the sentence of the other indicator of a body tells what that of one does.
+
+    What rotation does without stiffening two indicators tell: the larger number counts.
+    """
+    pair = {one.quantity.partition(",")[0], other.quantity.partition(",")[0]}
+    if pair == {"speed", "stiffening"}:
+        speed, change = (one, other) if one.quantity != "stiffening" else (other, one)
+        return (change.value < _FAR_FROM_AXIS * speed.value**2) == (other is speed)
+    return one.quantity == "stiffening" and other.quantity == "load_factor"
 
 
 def _arrays(monitor: Monitor) -> dict[str, Any]:

@@ -344,7 +344,9 @@ class ValiditySpec(Spec):
     of the response to a body's own inertia that its modes lack; ``node_loads``: the same for the
     response to loads besides its interfaces; ``truncation``: the change of sensors over their range
     if a mode that was left out would vibrate, or without sensors of motion and reactions its share
-    of the deformation; ``load_factor``: the loads over those that buckle the body. A run warns
+    of the deformation; ``load_factor``: the loads over those that buckle the body;
+    ``stiffening``: the change of the sensors on a slender body, over their range, by geometric
+    stiffening that it does not have, or without sensors the change of its deflection. A run warns
     before it stops. ``"any"`` removes a limit.
     """
 
@@ -355,6 +357,7 @@ class ValiditySpec(Spec):
     node_loads: _Bound = 0.5
     truncation: _Bound = 0.5
     load_factor: _Bound = 1.0
+    stiffening: _Bound = 0.5
 
 
 class GuessSpec(Spec):
