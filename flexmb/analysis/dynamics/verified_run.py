@@ -29,6 +29,7 @@ from flexmb.analysis.dynamics.run_settings import (
     scout_rows,
     scout_settings,
 )
+from flexmb.analysis.dynamics.vibration_error import DAMPED_RATIO
 from flexmb.engine import method
 from flexmb.engine.allocation import new_plan
 from flexmb.engine.compile import Compiled
@@ -39,9 +40,6 @@ from flexmb.progress import Progress
 from flexmb.results.output_block import OutputBlock
 
 _SCOUT = "scout_"
-# Ratio of errors if vibrations are damped: the displacement of a sensor by a vibration of a given
-# load is proportional to the square of its period.
-_DAMPED_RATIO = 2.6
 # Two passes show the order of the method if the difference of the first is below _SAME_MOTION; the
 # order is taken as at least _MIN_ORDER times that of the method.
 _SAME_MOTION, _MIN_ORDER = 0.05, 0.5
@@ -218,7 +216,7 @@ class VerifiedRun:
         if 0.0 < self.passes[0]["last_difference"] < _SAME_MOTION:
             luck = _SCATTER if self.fine.method.stages else 1.0
             ratio = min(self.error.ratio_before() or ratio, luck * ratio)
-        ratio = min(ratio, _DAMPED_RATIO) if damped else ratio
+        ratio = min(ratio, DAMPED_RATIO) if damped else ratio
         return self.error.largest(ratio, int(self.fine.state.count[0]["steps"]), self.is_limited)
 
     @property
