@@ -28,6 +28,8 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.compiled_calls import analyse_kinematics
 from flexmb.engine.kinematics_loop import EVALUATE
 from flexmb.engine.kinematics_point import KinematicsSettings, Path
+from flexmb.engine.method import Method
+from flexmb.engine.method_selection import STIFF_METHOD
 from flexmb.engine.state import State, Work
 from flexmb.engine.status_messages import status_message, worst_place
 from flexmb.engine.tables import System
@@ -60,10 +62,13 @@ def call_kinematics(system: System, state: State, work: Work, path: Path, what: 
     return analyse_kinematics(new_run(system, state, work), path, settings, what)
 
 
-def singular_pose_sentence(compiled: Compiled, q: Array, q_first: Array) -> str:
+def singular_pose_sentence(
+    compiled: Compiled, q: Array, q_first: Array, integrator: Method | None = None
+) -> str:
     """The sentence on a run that ends at positions where equations are nearly redundant, or "".
 
-    Equations that are redundant at the first positions as well are ignored.
+    Equations that are redundant at the first positions as well are ignored. If the run was not by
+    radau, it names that method.
     """
     if not np.isfinite(q).all():  # the motion has diverged
         return ""
@@ -84,9 +89,14 @@ def singular_pose_sentence(compiled: Compiled, q: Array, q_first: Array) -> str:
         cure = "change what is driven so that the pose is not reached, or drive another coordinate"
         return f"the mechanism reaches {_pose_of_rows(compiled, least, drivers)}: {cure}"
     what = "constraint equations are" if len(near) > 1 else "constraint equation is"
+    is_radau = integrator is None or (
+        integrator.stages == 0 and integrator.order >= method.HIGH_ORDER
+    )
+    other = "" if is_radau else f'; method = "{STIFF_METHOD}" gets through many singular poses'
     return (
         f"{len(near)} {what} nearly redundant there (to {near.min():.1g}): either the pose is "
         "nearly singular, or axes or places that should fit are slightly off; make them exact"
+        + other
     )
 
 

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
-from truthkit import Memory
+from accuracyscenes.textbook import integrated
+from truthkit import Memory, run
 
 from flexmb.analysis.dynamics import integration as run_module
 from flexmb.analysis.dynamics.dynamics import dynamics, prepare_dynamics
@@ -79,3 +81,37 @@ def test_a_choice_of_coordinates_that_does_not_exist():
 def test_true_and_false_alone_are_true_and_false(value):
     with pytest.raises(SceneError, match="dynamics.verify: true or false is expected"):
         Model("m").set_dynamics(duration=1.0, verify=value)
+
+
+def parallelogram():
+    """Two cranks of 0.5 m and a coupler of 1 m fall through the pose in which all lie flat."""
+    made = Model("parallelogram", gravity=[0, -9.81, 0])
+    for name, x in (("left", 0.0), ("right", 1.0)):
+        made.add_marker(f"ground.{name}", position=[x, 0, 0])
+        made.add_body(name, mass=1, center=[0.25, 0, 0], inertia=[0.02] * 3, position=[x, 0, 0],
+                      orientation={"axis": "z", "angle": 1.0})  # fmt: skip
+        made.add_marker(f"{name}.end", position=[0.5, 0, 0])
+        made.add_joint(name, "revolute", between=[f"ground.{name}", name], axis="z")
+    end = [0.5 * np.cos(1.0), 0.5 * np.sin(1.0), 0]
+    made.add_body("coupler", mass=2, center=[0.5, 0, 0], inertia=[0.1] * 3, position=end)
+    made.add_marker("coupler.end", position=[1, 0, 0])
+    made.add_joint("pin", "revolute", between=["left.end", "coupler"], axis="z")
+    made.add_joint("ball", "in-line", between=["coupler.end", "right.end"], axis="z")
+    made.add_sensor("end", "position", of="coupler.end")
+    return made
+
+
+def test_a_method_that_stops_at_a_singular_pose_names_one_that_gets_through():
+    """m r² ẅ of all by the angle of a crank: the coupler moves along a circle without turning."""
+    knobs = {"duration": 1.0, "outputs": 20, "accuracy": 1e-6}
+    made = parallelogram()
+    made.set_dynamics(method="coordinate-partitioning", **knobs)
+    stopped = dynamics(compile_system(made), made, Memory())
+    assert stopped.status == "failed" and 'method = "radau" gets through' in stopped.message
+    passed = run(parallelogram(), method="radau", **knobs)
+    inertia, weight = 2 * (0.02 + 0.25**2) + 2 * 0.5**2, 9.81 * (2 * 0.25 + 2 * 0.5)
+    y = integrated(
+        lambda _, y: [y[1], -weight * np.cos(y[0]) / inertia], [1.0, 0.0], passed.t
+    )[0]  # fmt: skip
+    assert y[-1] < -0.5  # far behind the flat pose
+    np.testing.assert_allclose(passed["end.y"], 0.5 * np.sin(y), rtol=0, atol=2e-6)

@@ -22,7 +22,7 @@ import numpy as np
 
 from flexmb.analysis.dynamics.integration import Integration
 from flexmb.analysis.dynamics.jump_states import MAX_JUMPS, JumpStates
-from flexmb.analysis.dynamics.vibration_error import VibrationError, without_reactions
+from flexmb.analysis.dynamics.vibration_error import RATES, VibrationError, without_reactions
 from flexmb.engine import method
 from flexmb.engine.compiled_calls import integration_units
 from flexmb.engine.compiled_units import prepare_units
@@ -47,7 +47,6 @@ _STEPS_FROM_START, _FEW_STEPS, _CLEAR_ERROR = 5, 300, 0.05
 # After events: total number of steps for all that are resolved, over those of the run; the first
 # part of them (1/_FIRST_PART) shows how far the others will reach; rows of the others.
 _SHARE_OF_STEPS, _FIRST_PART, _ROWS_AFTER = 0.2, 3, 64
-_RATES = "velocities", "reactions"
 # Lost vibrations are looked for in the last part of the time after an event, with enough rows.
 _LATE_SHARE, _MIN_LATE_ROWS = 0.25, 8
 _STEPS_PER_PERIOD = 8.0  # longest period that steps damp, over the longest step
@@ -83,6 +82,8 @@ class _StateEvaluator:
         self._state.t[0] = t
         self._state.memory[0]["last_step"], self._state.count[0]["outputs"] = step, 0
         self._time[0] = t
+        if step > 0.0:
+            self._state.aa[:] = 0.0  # else v̇ holds what is filtered out, by those of the method
         self._run.integrate(0)
         return self._run.rows.read()
 
@@ -152,6 +153,7 @@ def follow_vibrations(
         for i, h in enumerate((step, max(step, longest))):
             row, _ = _first_vibration(point, jumps, k, h)
             shares[i, n] = error.reaction_share(row) if row is not None else 0.0
+    error.is_damped = bool(shares[1].max() > least)
     k, most = passed[0], _FEW_STEPS
     end = float(jumps.table[k, 0] + _STEPS_FROM_START * jumps.table[k, 2])
     if shares[1].max() > max(least, _LATE_DAMPING * shares[0].max()):
@@ -160,7 +162,7 @@ def follow_vibrations(
     elif max(least, error.of_reactions()[1]) > _CLEAR_ERROR:
         return
     coarse, fine = _runs_after_jump(run, settings, first, jumps, k, end, most)
-    error.add(coarse, fine, float(jumps.table[k, 0]), _RATES)
+    error.add(coarse, fine, float(jumps.table[k, 0]), RATES)
     k, share = passed[int(shares.max(axis=0).argmax())], float(shares.max())
     follow = _VibrationRuns(run, settings, first, jumps, error)
     if share <= least:  # a smooth load at the start
@@ -184,8 +186,11 @@ def _first_vibration(
     if not all(len(row.t) and np.isfinite(row.reactions).all() for row in rows):
         return None, np.zeros(0)
     signs = (1.0, -1.0, -1.0, 1.0)
-    parts = [sign * row.reactions for sign, row in zip(signs, rows, strict=False)]
-    return replace(rows[0], reactions=np.sum(parts, axis=0)), rows[-2].v[0]
+    parts = {
+        name: sum(sign * getattr(row, name) for sign, row in zip(signs, rows, strict=False))
+        for name in ("reactions", "vd")
+    }
+    return replace(rows[0], **parts), rows[-2].v[0]
 
 
 def _runs_after_jump(
@@ -263,7 +268,7 @@ def follow_events(
         late = late.rows(late.t > max(rows.t.max(initial=begin), end - _LATE_SHARE * (end - begin)))
         if k == last and len(late.t) >= _MIN_LATE_ROWS:
             seen = float(np.ptp(late.t))
-            error.add_lost(late, rows, begin, _RATES, min(_STEPS_PER_PERIOD * longest, 0.25 * seen))
+            error.add_lost(late, rows, begin, RATES, min(_STEPS_PER_PERIOD * longest, 0.25 * seen))
 
 
 class _VibrationRuns:
@@ -310,7 +315,7 @@ class _VibrationRuns:
             elif self._jumps.next_time(k) < output:
                 break  # the next jump or event begins a vibration of its own
             before = largest
-            largest = self._error.add(coarse, fine, begin, _RATES, output)
+            largest = self._error.add(coarse, fine, begin, RATES, output)
             shown = max(largest, swing) if np.any(at) else largest
             if shown >= _SHOWN_SHARE * share or 0.0 < largest <= _MIN_INCREASE * before:
                 break

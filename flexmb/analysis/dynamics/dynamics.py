@@ -359,7 +359,7 @@ class _Pass:
             self._validity.diverging(run.state)
             or (static_modes_sentence(run.compiled, run.method) if is_static else "")
             or (stiff_force_sentence(run) if status == method.NO_CONVERGENCE else "")
-            or singular_pose_sentence(run.compiled, run.state.q, run.state.q_first)
+            or singular_pose_sentence(run.compiled, run.state.q, run.state.q_first, run.method)
         )
         return Ending("failed", failure_sentence(
             status, run.compiled, prepared.model, run.work, at, step, cause))  # fmt: skip

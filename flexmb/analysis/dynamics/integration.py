@@ -166,7 +166,9 @@ class Integration:
         if endless and (self.method.stages > 0 or self._endless == _MAX_ENDLESS_CHECKS):
             cause = static
             if not (static or limited):
-                cause = singular_pose_sentence(self.compiled, self.state.q, self.state.q_first)
+                cause = singular_pose_sentence(
+                    self.compiled, self.state.q, self.state.q_first, self.method
+                )
             raise FlexmbError(_endless(t, passed / steps, left, limited, cause))
 
 

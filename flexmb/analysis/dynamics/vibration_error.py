@@ -7,15 +7,23 @@ They are measured by `damped_vibrations` and stored here, in addition to that di
 from __future__ import annotations
 
 import math
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
 from flexmb.analysis.dynamics.compared_quantities import RowComparison
+from flexmb.engine.compile import Compiled
 from flexmb.flexbody.arrays import Array
+from flexmb.model.model import Model
+from flexmb.model.sensor import ReactionSensorSpec
 from flexmb.results.output_block import OutputBlock
 
+DAMPED_RATIO = 2.6
+"""Ratio of errors of two runs if vibrations are damped, at most: the displacement of a sensor by a
+vibration of a given load is proportional to the square of its period."""
+RATES = "velocities", "reactions"
 # A run has lost a vibration if its amplitude should be more than this many times that of the run.
 _LOST_RATIO = 3.0
 # Ratio of second differences of two halves of rows below which a vibration decays; least time [s].
@@ -25,6 +33,40 @@ _MAX_DECAY_RATIO, _LEAST_TIME = 0.98, 1e-300
 _MIN_TURN = 0.01
 
 
+class LoadedBody(NamedTuple):
+    """A body on which the force of a sensor acts."""
+
+    quantity: int  # number of the sensor among the compared quantities
+    first: int  # column of its velocity, or angular velocity
+    inertia: float  # kg, or kg m²
+
+
+def loaded_bodies(
+    comparison: RowComparison, compiled: Compiled, model: Model
+) -> list[list[LoadedBody]]:
+    """The rigid bodies, one or two, on which the force element of each reaction sensor acts."""
+    masses, loaded = compiled.system.parts.bodies, []
+    bodies = {one.name: k for k, one in enumerate(compiled.layout.bodies) if not one.m}
+    for k in comparison.reactions:
+        spec = model.sensors.get(comparison.compared[k].name)
+        if not isinstance(spec, ReactionSensorSpec) or spec.force is None:
+            continue
+        force, turns = model.forces[spec.force], spec.quantity == "moment"
+        joint = model.joints.get(getattr(force, "joint", None) or "")
+        names = getattr(joint or force, "between", None) or (getattr(force, "at", None),)
+        own = [bodies[body] for name in names if (body := (name or "").partition(".")[0]) in bodies]
+        rows = ((int(masses[n]["iv"]), masses[n]) for n in own)
+        loaded.append(
+            [
+                LoadedBody(
+                    int(k), iv + 3 * turns, float(np.trace(row["S0"]) if turns else row["mass"])
+                )
+                for iv, row in rows
+            ]
+        )
+    return [sides for sides in loaded if sides]
+
+
 class VibrationError:
     """The largest error of each compared quantity by a vibration that steps damp.
 
@@ -32,16 +74,21 @@ class VibrationError:
     ----------
     comparison : RowComparison
         The compared quantities.
+    loaded : sequence of list of LoadedBody
+        The bodies on which forces with sensors act.
 
     Attributes
     ----------
     table : (3, k) array
         The errors, their times, and the start times of the vibrations [s].
+    is_damped : bool
+        Whether a vibration is excited that the longest steps of the run damp.
     """
 
-    def __init__(self, comparison: RowComparison) -> None:
-        self._comparison = comparison
+    def __init__(self, comparison: RowComparison, loaded: Sequence[list[LoadedBody]] = ()) -> None:
+        self._comparison, self._loaded = comparison, loaded
         self.table = np.zeros((3, len(comparison.compared)))
+        self.is_damped = False
 
     def add(
         self, coarse: OutputBlock, fine: OutputBlock, begin: float,
@@ -90,8 +137,17 @@ class VibrationError:
         return names[k], float(shares[k]), float(self.table[2, k])
 
     def reaction_share(self, row: OutputBlock) -> float:
-        """Largest reaction in a row, over the scale of its joint."""
-        return self.reaction_difference(without_reactions(row), row)
+        """Largest reaction in a row, over the scale of its joint.
+
+        Of force elements with sensors, which follow positions and so do not show it yet, the
+        inertia force of the vibration: of the body on which it is less.
+        """
+        values, scales = np.zeros(len(self._comparison.compared)), self._comparison.shares
+        for sides in self._loaded:
+            forces = [np.linalg.norm(row.vd[0, n : n + 3]) * inertia for _, n, inertia in sides]
+            values[sides[0].quantity] = min(forces)
+        share = float(scales(values).max(initial=0.0))
+        return max(self.reaction_difference(without_reactions(row), row), share)
 
     def reaction_difference(self, coarse: OutputBlock, fine: OutputBlock) -> float:
         """Largest difference of a reaction in two blocks of rows, over the scale of its joint."""
