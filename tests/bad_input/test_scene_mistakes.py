@@ -186,6 +186,11 @@ ONE_LINE = [
         id="unknown section",
     ),
     pytest.param(
+        ("[dynamics]", '[effects]\nchoice = "auto"\nbudget = 5\n[dynamics]'),
+        "effects.budget: must lie between 0 and 1, is 5",
+        id="a budget in percent",
+    ),
+    pytest.param(
         ("[dynamics]", '[view]\nhistory = ["tip.w"]\n[dynamics]'),
         'view.history[0]: unknown channel "tip.w"; nearest: tip.x, tip.y, tip.z; '
         "allowed: tip.x, tip.y, tip.z",

@@ -35,7 +35,7 @@ class EffectsSpec(Spec):
     """
 
     choice: Literal["as stated", "auto"] = "as stated"
-    budget: Annotated[float, Quantity("", "positive")] = 0.01
+    budget: Annotated[float, Quantity("", "positive", (0.0, 1.0))] = 0.01
     gravity: StrictBool = True
     friction: StrictBool = True
     contact: StrictBool = True
