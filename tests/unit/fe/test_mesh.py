@@ -56,7 +56,9 @@ def test_refused(points, blocks, sentence):
 def test_elements_with_too_few_nodes_are_a_damaged_file(tmp_path, monkeypatch):
     """A Nastran CTETRA with five nodes, which meshio takes for one of ten."""
     raw = SimpleNamespace(
-        points=np.zeros((5, 3)), cells=[SimpleNamespace(type="tetra10", data=np.arange(5)[None])]
+        points=np.zeros((5, 3)),
+        cell_data={},
+        cells=[SimpleNamespace(type="tetra10", data=np.arange(5)[None])],
     )
     monkeypatch.setattr(mesh_file, "_read_quietly", lambda _: raw)
     with pytest.raises(MeshError, match="is damaged: elements of kind tetra10 with 5 nodes"):
