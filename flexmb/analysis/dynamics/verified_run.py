@@ -56,10 +56,10 @@ _ORDER_LOST = {True: 2.0, False: 1.5}
 # (order 8; 0.9, 1.1, 2.6 with order 5). From pass to pass errors fell by 0.54 of the expected
 # factor or less in a twentieth of 184 pairs (0.59 with order 5): only below that is order lost.
 _SCATTER = 2.0
-# Where a motion multiplies errors, those of a scout may cancel by chance. So a run of several passes
-# by an explicit method states at least the error of the pass before, by the two fine runs, reduced
-# by the order of the method, but at most this share of the requested accuracy. Of 240 runs of
-# chaotic pendulums 24 state less than a third of the error without it, 10 with it.
+# Where a motion multiplies errors, those of a scout may cancel by chance. So a run of several
+# passes by an explicit method states at least the error of the pass before, by the two fine runs,
+# reduced by the order of the method, but at most this share of the requested accuracy. Of 240 runs
+# of chaotic pendulums 24 state less than a third of the error without it, 10 with it.
 _EXPECTED_SHARE = 0.2
 # Growth of the differences over that of the square of time from which a motion multiplies errors;
 # two chaotic pendulums had 20 and 213, an orbit 3, a driven pendulum that keeps its errors 10.
