@@ -127,6 +127,45 @@ def test_a_small_force_changes_nothing_that_shows():
     assert told(outcome(between("fixed", "prismatic", 0.3, pull=0.005 * 4 * np.pi**2 * EI))) is None
 
 
+@pytest.mark.parametrize("share", [-0.08, 0.5, 3.0, 10.0])
+def test_a_cantilever_whose_frame_turns_as_it_bends(share):
+    """The engine has what the turn of the mean axes makes of a force: a part of the stiffening."""
+    pull = share * np.pi**2 * EI / 4
+    model = Model("cantilever")
+    model.add_body("strip", strip())
+    model.add_joint("root", "fixed", between=["ground", "strip.a"])
+    ramp = "step5(t, 4, 0, 19, 1)"
+    model.add_force(
+        "load", "force", at="strip.b", value=[f"{pull}*step5(t, 0, 0, 4, 1)", f"0.2*{ramp}", 0]
+    )
+    model.add_sensor("tip", "position", of="strip.b")
+    knobs = {"duration": 20, "accuracy": 1e-5, "verify": False}
+    with pytest.warns(FlexmbWarning, match=LEFT_OUT):
+        moved = flexmb.simulate(model, **knobs)["tip.y"][-1]
+    k = np.sqrt(complex(pull / EI))
+    true = abs(1.0 - 0.2 * ((k - np.tanh(k)) / k**3 / EI).real / moved)
+    assert told(judged(model, **knobs)) == pytest.approx((true, true), rel=0.1)
+
+
+def test_the_largest_change_is_that_of_all_rows():
+    """A pull that lets go: the largest change is not where the force is largest."""
+    model = Model("cantilever")
+    model.add_body("strip", strip())
+    model.add_joint("root", "fixed", between=["ground", "strip.a"])
+    pull = 8 * np.pi**2 / 4 * EI
+    along = f"{pull}*step5(t, 0, 0, 4, 1) - {pull}*step5(t, 10, 0, 38, 1)"
+    model.add_force("load", "force", at="strip.b", value=[along, "0.2*step5(t, 4, 0, 9, 1)", 0])
+    model.add_sensor("tip", "position", of="strip.b")
+    knobs = {"duration": 36.0, "accuracy": 1e-5, "verify": False, "outputs": 1000}
+    with pytest.warns(FlexmbWarning, match=LEFT_OUT):
+        run = flexmb.simulate(model, **knobs)
+    s = np.clip((run.time - 10) / 28, 0, 1)
+    k = np.sqrt(pull * (1 - s**3 * (10 - 15 * s + 6 * s**2)) / EI)
+    changes = np.abs(run["tip.y"] - 0.2 * (k - np.tanh(k)) / k**3 / EI)[run.time > 10]
+    true = changes.max() / np.ptp(run["tip.y"])
+    assert told(judged(model, **knobs))[1] == pytest.approx(true, rel=0.1)
+
+
 def ritz(radius, speed, n=10):
     """Stiffness and geometric stiffness across the plane of rotation of a blade of 1 m."""
     x, w = np.polynomial.legendre.leggauss(40)
@@ -243,6 +282,17 @@ def test_a_sensor_on_what_is_joined_to_the_strip():
             assert found[1] == pytest.approx(true, rel=0.6)
 
 
+def test_a_distance_along_the_strip_does_not_change_with_its_bending():
+    """It changes by the stretch, which is a thousandth of the deflection: no sensor is told."""
+    model = between("fixed", "fixed", 0.0, pull=3 * np.pi**2 / 4 * EI)
+    del model.joints["b"]
+    model.sensors.clear()
+    model.add_force("aside", "force", at="strip.b", value=[0, "0.02*step5(t, 1, 0, 2, 1)", 0])
+    model.add_sensor("length", "distance", between=["ground", "strip.b"])
+    (note,) = [one for one in outcome(model).notes if LEFT_OUT in one]
+    assert "sensor" not in note
+
+
 @pytest.mark.parametrize("frame", ["mean axis", "interface a"])
 def test_moments_in_a_frame_at_an_interface(frame):
     """They lack N times the deflection there: that of the lump was off by half, without a word."""
@@ -269,3 +319,36 @@ def test_moments_in_a_frame_at_an_interface(frame):
     off = np.abs(moments[1] - moments[0]).max() / np.ptp(moments[0])
     assert (off > 0.3) == (frame != "mean axis")
     assert any(LEFT_OUT in note for note in run.notes) == (frame != "mean axis")
+
+
+@pytest.mark.parametrize(("place", "most"), [("end", 4.0), ("middle", 8.0)])
+def test_a_column_with_a_mass_of_its_own(place, most):
+    """Like one under the weight of a rigid body there, beside its own weight."""
+    found = []
+    for own in (True, False):
+        at = {"middle": ({"node": 10}, 10), "end": ("end", "end")}[place]
+        model = Model("column", gravity=[-9.81, 0, 0])
+        column = flexmb.reduce(
+            {"type": "beam", "length": 1.0, "divisions": 20}, name="column", modes=8,
+            material={"E": E, "nu": 0.0, "density": 7850},
+            sections={"all": {"type": "rectangle", "y": H, "z": B}},
+            interfaces={"a": "start", "m": at[0]},
+            masses={"lump": {"at": at[1], "mass": 0.1 * most}} if own else {},
+        )  # fmt: skip
+        model.add_body("column", column)
+        model.add_joint("root", "fixed", between=["ground", "column.a"])
+        if not own:
+            there = [1.0 if place == "end" else 0.5, 0, 0]
+            model.add_body("lump", mass=0.1 * most, inertia=[1e-9] * 3, position=there)
+            model.add_joint("glue", "fixed", between=["column.m", "lump"])
+        model.set_validity(load_factor="any", stiffening="any")
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", FlexmbWarning)
+            (note,) = [one for one in flexmb.statics(model).notes if "compressed" in one]
+        found.append(float(note.split("by about ")[1].split()[0]))
+    assert found[0] == pytest.approx(found[1], rel=0.03)
+    if (
+        place == "end"
+    ):  # Euler's load with the share of the own weight that buckles alone, Dunkerley
+        weight, tip = 9.81 * 7850 * B * H / (7.837 * EI), 9.81 * 0.4 / (np.pi**2 / 4 * EI)
+        assert found[0] == pytest.approx(weight + tip, rel=0.03)

@@ -380,3 +380,27 @@ def _is_on(spec: object, body: str) -> bool:
         return spec.body == body
     markers = getattr(spec, "between", None) or (getattr(spec, "at", None),)
     return any((marker or "").partition(".")[0] == body for marker in markers)
+
+
+def masses_along(body: FlexBody, axis: Array, ends: Array) -> Array:
+    """(2, s) masses of the divisions of a bar, and the parts of them beyond their middles.
+
+    The divisions are between `ends` (s + 1,) from the centre of mass. Masses per length are linear
+    along the axis; masses at both ends, or one at the middle, give the centre and the second moment
+    of the body.
+    """
+    length, center = ends[-1] - ends[0], -0.5 * (ends[0] + ends[-1])  # of mass, from the middle
+    x = 0.5 * (ends[:-1] + ends[1:]) + center
+    S = body.S0 - np.outer(body.S1, body.S1) / body.mass
+    second = float(axis @ S @ axis) / length**2 + body.mass * (center / length) ** 2
+    at_ends = min(6.0 * second - 0.5 * body.mass, body.mass)
+    lumps, more = np.zeros(len(x)), 0.0
+    if at_ends > 0.0:
+        more = float(np.clip(2.0 * body.mass * center / length, -at_ends, at_ends))
+        lumps[[0, -1]] = 0.5 * (at_ends - more), 0.5 * (at_ends + more)
+    else:
+        lumps[len(x) // 2 - 1] = -2.0 * at_ends
+    rest, first = body.mass - lumps.sum(), body.mass * center - 0.5 * more * length
+    weights = np.maximum(rest + 12.0 * first * x / length**2, 0.0)
+    spread = weights * (rest / max(weights.sum(), 1e-300))
+    return np.array([lumps + spread, np.append(0.0, lumps[1:]) + 0.5 * spread])

@@ -6,15 +6,14 @@ parts: the forces at markers with the inertia of the bar, which are in equilibri
 and the tension of a bow whose ends the joints hold. These ends approach each other by δ = ∫ w'²/2
 dx. Joints that prevent it leave the tension h k δ, with k the axial stiffness between the ends and
 h = 1 − k c, where c is the compliance between them in the mechanism: 0 if they are held, 1/k if
-they are free. A row has the deformation η; with stiffening it is η' = (1 + C Kg(η'))⁻¹ η, with C
-the compliance of the modes in the mechanism, all bodies in equilibrium. The difference η' − η is
-the change, told at the position sensors on the body and on bodies joined to it, over their range,
+they are free. The body frame of mean axes turns with a deflection, and so the engine has a part of
+the geometric stiffness, Kj − Kg with Kj by the slopes relative to the joints. A row has the
+deformation η, C F = (1 + C (Kj − Kg)) η for a load F and the compliance C of the modes in the
+mechanism, all bodies in equilibrium; with stiffening it is η' = (1 + C Kj)⁻¹ C F. The difference
+η' − η is told at the position sensors on the body and on bodies joined to it, over their range,
 and over the deflection.
 
-The body frame of mean axes turns with a deflection, and so the engine has a part of the geometric
-stiffness; what is left out is that of the slopes in the body frame. Whether the forces would buckle
-the body is judged by the slopes relative to its joints: the load factor is the largest eigenvalue
-of −C Kg.
+The load factor, whether the forces would buckle the body, is the largest eigenvalue of −C Kj.
 """
 
 from __future__ import annotations
@@ -41,7 +40,12 @@ from flexmb.analysis.dynamics.linear_elasticity import (
     largest_lengths,
     relative_motion,
 )
-from flexmb.analysis.dynamics.load_factor import LoadFactorMonitor, Loads, slender_axis
+from flexmb.analysis.dynamics.load_factor import (
+    LoadFactorMonitor,
+    Loads,
+    masses_along,
+    slender_axis,
+)
 from flexmb.analysis.monitors import Indicator
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
@@ -65,7 +69,6 @@ _SAME_PLACE = 5e-3  # nodes closer along the axis than this share of the length 
 _MIN_SHARE_OF_RUN = 0.1  # share of a run after which it may be refused
 _MAX_ROW_WEIGHT = 0.125  # largest weight of one row in the mean of forces over a period
 _VISIBLE = 1e-3  # change of a sensor below which that of the deflection does not matter
-_SENSORS = ("position", "distance")
 _DEPENDENT = 1e-9  # compliance of a set of joint rows, over the largest, that has no meaning
 # Share of the largest change so far from which on the first estimate of a row is made exact.
 _WORTH = 0.5
@@ -80,19 +83,22 @@ class _Bar:
     number: int  # in the tables of the engine
     axis: Array  # (3,) in body axes
     ends: Array  # (s + 1,) of the divisions, along the axis from the centre of mass, m
-    mass: Array  # (s,) of the divisions, kg
+    mass: Array  # (2, s) of the divisions, and of these beyond their middles, kg
     slopes: Array  # (s, 2, m) in the body frame per unit eta
     joined: Array  # (s, 2, m) relative to the joints
     bow: Array  # (m, m) of unit force between the joined ends; zero without two of these
     span: Array  # (m,) by which these ends move apart, m per unit eta
-    points: Array  # (3 k, m) displacements relative to the joints, m per unit eta
+    points: Array  # (3 k, m) displacements relative to the joints, over the length
     is_mean_axis: bool  # its frame; in one at an interface moments lack N times the deflection
     sensors: tuple[tuple[Array, Array], ...]  # channels; (3 k, m) motion of their markers
 
-    def stiffness(self, N: Array) -> Array:
-        """(m, m) geometric stiffness of axial forces N (s,)."""
-        weights = N * np.diff(self.ends)
-        return np.asarray(np.einsum("s,sai,saj->ij", weights, self.slopes, self.slopes))
+    def loaded(self, N: Array, eta: Array, compliance: Array) -> tuple[Array, Array]:
+        """(t, m, m) geometric stiffness of forces N (t, s), by the slopes relative to the joints,
+        and C F (t, m) of the loads by which the engine has the deformation eta."""
+        weights, joined, own = N * np.diff(self.ends), self.joined, self.slopes
+        Kj = np.tensordot(weights, joined.transpose(0, 2, 1) @ joined, 1)
+        Kg = np.tensordot(weights, own.transpose(0, 2, 1) @ own, 1)
+        return Kj, eta + np.einsum("tij,tj->ti", Kj - Kg, eta) @ compliance
 
     def load_factors(self, N: Array, root: Array) -> Array:
         """(t,) of axial forces N (t, s), with root rootᵀ the compliance of the modes."""
@@ -108,8 +114,8 @@ class _Bar:
         arms = self.body.center + middle[:, None] * self.axis
         far = np.einsum("ti,tij->tj", loads.vd[:, iv - 3 : iv] - gravity, A)
         turned = np.cross(alpha[:, None], arms) + np.cross(w[:, None], np.cross(w[:, None], arms))
-        inertia = self.mass * ((far[:, None] + turned) @ self.axis)
-        beyond = inertia.sum(axis=1, keepdims=True) - np.cumsum(inertia, axis=1) + 0.5 * inertia
+        inertia, outer = ((far[:, None] + turned) @ self.axis) * self.mass[:, None]
+        beyond = inertia.sum(axis=1, keepdims=True) - np.cumsum(inertia, axis=1) + outer
         along = np.einsum("tki,tij,j->tk", loads.forces[:, on], A, self.axis)
         places = (loads.s[:, on] - self.body.center) @ self.axis
         return np.asarray(np.einsum("tks,tk->ts", places[:, :, None] > middle, along) - beyond)
@@ -124,11 +130,12 @@ class _Bar:
 
     def change(self, N: Array, eta: Array, compliance: Array) -> tuple[Array, float]:
         """(m,) of the deformation eta by forces N (s,) and held ends; the tension of these."""
-        K, per_length, one = self.stiffness(N), self.tension(compliance), np.eye(len(eta))
+        K, loaded = (rows[0] for rows in self.loaded(N[None], eta[None], compliance))
+        per_length, one = self.tension(compliance), np.eye(len(eta))
 
         def stiffened(tension: float) -> Array:
             both = one + compliance @ (K + tension * self.bow)
-            return np.asarray(np.linalg.solve(both, eta))
+            return np.asarray(np.linalg.solve(both, loaded))
 
         def excess(tension: float) -> float:
             bent = stiffened(tension)
@@ -210,12 +217,10 @@ class OmittedStiffeningMonitor:
             if factors[row] > self._load_factor[0, k]:
                 self._load_factor[:, k] = factors[row], rows.t[row]
             bow = 0.5 * one.tension(C) * np.einsum("ti,ij,tj->t", eta, one.bow, eta)
-            weights = forces * np.diff(one.ends)
-            bent = np.tensordot(eta, one.slopes, (1, 2)) * weights[..., None]
-            load = np.tensordot(bent, one.slopes, 2)
-            load += bow[:, None] * (eta @ one.bow)
-            about = largest_lengths(load @ C, one.points)
-            # a tension changes no deflection by more than itself
+            K, load = one.loaded(forces, eta, C)
+            both = np.eye(len(C)) + C @ (K + bow[:, None, None] * one.bow)
+            about = np.linalg.solve(both, load[..., None])[..., 0] - eta
+            about = largest_lengths(about, one.points)
             for row in np.argsort(-np.minimum(about, 2 * deflection))[:2]:
                 if about[row] > _WORTH * self._largest[0, k]:
                     self._solve(k, rows, int(row), forces[row], eta[row])
@@ -273,8 +278,7 @@ class OmittedStiffeningMonitor:
         for channels, motion in self._bars[k].sensors if self._most.ndim else ():
             size = float(np.linalg.norm((self._most - self._least)[channels]))
             change = self._change[None, k, : self._bars[k].columns.m]
-            least = LEAST_MOTION * self._bars[k].body.characteristic_length
-            if size > least:
+            if size > LEAST_MOTION * self._bars[k].body.characteristic_length:
                 changes.append(float(largest_lengths(change, motion)[0]) / size)
         return max(changes, default=None)
 
@@ -365,8 +369,8 @@ def _bars(compiled: Compiled, model: Model) -> Iterator[_Bar]:
         frame_of = getattr(model.bodies[columns.name], "frame_interface", None)
         points, sensors = relative_motion(body, frame)[0], _sensors(compiled, model, columns, body)
         yield _Bar(
-            columns, body, number, axis, ends, _masses(body, ends), slopes, joined_slopes,
-            bow, span, points, frame_of is None, tuple(sensors),
+            columns, body, number, axis, ends, masses_along(body, axis, ends), slopes,
+            joined_slopes, bow, span, points, frame_of is None, tuple(sensors),
         )  # fmt: skip
 
 
@@ -381,14 +385,6 @@ def _means(values: Array, along: Array, ends: Array) -> Array:
     means, places = sums.reshape(len(count), -1).T / count, np.bincount(group, along) / count
     at = np.array([np.interp(ends, places, one) for one in means])
     return at.T.reshape(len(ends), *values.shape[1:])
-
-
-def _masses(body: FlexBody, ends: Array) -> Array:
-    """(s,) masses of the divisions: per length linear along the axis, with the body's centre."""
-    middle, length = 0.5 * (ends[:-1] + ends[1:]), ends[-1] - ends[0]
-    mean = 0.5 * (ends[0] + ends[-1])
-    weights = np.maximum(1.0 - 12.0 * mean * (middle - mean) / length**2, 0.0)
-    return np.asarray(body.mass * weights / weights.sum())
 
 
 def _sensors(
@@ -409,11 +405,10 @@ def _sensors(
             if one in names:
                 places.setdefault(there.partition(".")[0], set()).add(one or "")
     for name, spec in model.sensors.items():
-        if spec.type not in _SENSORS:
+        if spec.type != "position":
             continue
         numbers = [k for k, one in enumerate(channels) if one.partition(".")[0] == name]
-        ends = (getattr(spec, "of", None), getattr(spec, "relative_to", None))
-        for marker in getattr(spec, "between", None) or ends:
+        for marker in (getattr(spec, "of", None), getattr(spec, "relative_to", None)):
             owner, _, place = (marker or "").partition(".")
             moved = places.get(owner, set())
             if owner == columns.name:

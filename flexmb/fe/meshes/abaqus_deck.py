@@ -21,7 +21,7 @@ from scipy.spatial.transform import Rotation
 
 from flexmb.errors import nearest
 from flexmb.fe.elements.solid_elements import SOLIDS as SOLID_ELEMENTS
-from flexmb.fe.meshes.deck import OTHER_PARTS, SOLIDS, SURFACES, Deck, read_deck, read_real
+from flexmb.fe.meshes.deck import OTHER_PARTS, SOLIDS, SURFACES, Deck, among, read_deck, read_real
 from flexmb.flexbody.arrays import FloatArray
 
 ABAQUS = (".inp",)
@@ -201,7 +201,7 @@ class _Sets:
         self.members: dict[str, dict[int, None]] = {}
         self._names: dict[str, str] = {}
         self._spans: dict[str, tuple[int, int]] = {}  # last number before an instance, and of it
-        self._own = 0  # last number before those without an instance
+        self.own = 0  # last number before those without an instance
 
     def add(self, name: str, numbers: Iterable[int]) -> None:
         own = self._names.setdefault(name.upper(), name)
@@ -210,8 +210,10 @@ class _Sets:
     def has(self, name: str) -> bool:
         return name.upper() in self._names
 
-    def of(self, name: str) -> dict[int, None]:
-        return self.members.get(self._names.get(name.upper(), ""), {})
+    def of(self, name: str, instance: str = "") -> dict[int, None]:
+        """The members of a set of the instance, or of the deck."""
+        own = self._names.get(f"{instance}.{name}".upper(), self._names.get(name.upper(), ""))
+        return self.members.get(own, {})
 
     def rename(self, name: str, new: str) -> None:
         members = self.members.pop(self._names.pop(name.upper()))
@@ -220,10 +222,10 @@ class _Sets:
     def add_instance(self, name: str, own: _Sets) -> int:
         """Add the sets of an instance; returns the last number before its own."""
         last = max(self._present, default=0)
-        self._own = last + max(own._present, default=0)
-        self._spans[name.upper()] = last, self._own
+        self.own = last + max(own._present, default=0)
+        self._spans[name.upper()] = last, self.own
         for set_name, members in own.members.items():
-            self.add(f"{name}.{set_name}", [last + number for number in members])
+            self.add(f"{name}.{set_name}", [last + k for k in members if k in own._present])
         return last
 
     def of_instance(self, name: str) -> list[int]:
@@ -237,16 +239,13 @@ class _Sets:
             before, end = self._span(instance)
             for line in card.lines:
                 first, last, *step = (int(x) for x in line.split(",") if x.strip())
-                numbers = range(first, last + 1, *step)
-                present = (number for number in self._present if before < number <= end)
-                self.add(name, [number for number in present if number - before in numbers])
+                numbers = range(before + first, min(before + last, end) + 1, *step)
+                self.add(name, [k for k in among(self._present, numbers) if k > before])
             return
         for entry in card.numbers():
-            own = entry.strip('"')
-            if self.has(f"{instance}.{own}"):
-                self.add(name, list(self.of(f"{instance}.{own}")))
-            elif self.has(own):
-                self.add(name, list(self.of(own)))
+            own = entry.replace('"', "")
+            if self.has(f"{instance}.{own}") or self.has(own):
+                self.add(name, list(self.of(own, instance)))
             elif own.rpartition(".")[2].lstrip("+-").isdigit():
                 self.add(name, [self.number(own, instance)])
             else:
@@ -256,8 +255,8 @@ class _Sets:
     def number(self, text: str, instance: str = "") -> int:
         """The number in the whole deck of an entry such as ``12`` or ``Rod-1.12``."""
         if "." not in text and not instance:
-            return self._own + int(text)
-        where, _, number = text.strip('"').rpartition(".")
+            return self.own + int(text)
+        where, _, number = text.replace('"', "").rpartition(".")
         where = where or instance
         before, last = self._span(where)
         if self._spans and not 0 < int(number) <= last - before:
@@ -270,9 +269,9 @@ class _Sets:
         number = self.number(text) if text.rpartition(".")[2].isdigit() else 0
         return [number] if number in self._present else []
 
-    def _span(self, instance: str) -> tuple[int, float]:
+    def _span(self, instance: str) -> tuple[int, int]:
         if not instance or not self._spans:
-            return self._own, math.inf
+            return self.own, max(self._present, default=0)
         if instance.upper() not in self._spans:
             what = f'a set or surface names the instance "{instance}", which the deck does not have'
             raise self._deck.error(what)
@@ -289,8 +288,11 @@ class _Part:
 
     def add_instance(self, name: str, part: _Part, motion: _Motion) -> None:
         """Add a part, moved, with its sets as ``instance.set``."""
+        part.deck.check_nodes(part.nodes.members)
         before = self.nodes.add_instance(name, part.nodes)
         first = self.elements.add_instance(name, part.elements)
+        self.deck.first_nodes |= {before: f"{name}.", self.nodes.own: ""}
+        self.deck.first_elements |= {first: f"{name}.", self.elements.own: ""}
         places = motion.places(np.array([*part.deck.nodes.values()]).reshape(-1, 3)).tolist()
         for number, place in zip(part.deck.nodes, places, strict=True):
             self.deck.nodes[before + number] = tuple(place)
@@ -332,7 +334,8 @@ class _Part:
             elif card.word == "NSET" and "NSET" in options:
                 if "ELSET" not in options:
                     nodes.read(options["NSET"], card)
-                for number in deck.elements.keys() & elements.of(options.get("ELSET", "")):
+                own = elements.of(options.get("ELSET", ""), options.get("INSTANCE", ""))
+                for number in deck.elements.keys() & own:
                     nodes.add(options["NSET"], deck.elements[number][1])
             elif card.word == "ELSET" and "ELSET" in options:
                 elements.read(options["ELSET"], card)
@@ -366,15 +369,13 @@ class _Part:
             raise self.deck.error("*ELEMENT has no TYPE, such as C3D4")
         name = card.options["TYPE"].upper()
         kind, values = _kind(self.deck, name), card.numbers()
-        if not kind:
-            if name in OTHER_PARTS["ties"]:
-                yield from [name] * len(card.lines)
-            return
-        step = int(num_nodes_per_cell[kind]) + 1
+        if not kind and name in OTHER_PARTS["ties"]:
+            yield from [name] * len(card.lines)
+        step = int(num_nodes_per_cell.get(kind, 0)) + 1
         if len(values) % step:
             what = f"elements of type {card.options['TYPE']} have {step - 1} nodes, but the block "
             raise self.deck.error(f"{what}of element {values[0]} has lines of other lengths")
-        numbers = [self.elements.number(number) for number in values[::step]]
+        numbers = [self.elements.number(number) for number in values[::step] if kind]
         for k, number in enumerate(numbers):
             row = values[k * step + 1 : (k + 1) * step]
             self.deck.add_element(number, kind, [self.nodes.number(x) for x in row])
@@ -388,8 +389,8 @@ class _Part:
         """
         deck, nodes, elements = self.deck, self.nodes, self.elements
         name = card.options.get("NAME", "")
-        rows = [[x.strip().strip('"') for x in line.split(",")] + [""] for line in card.lines]
-        if not name or not rows or name in elements.members or name in nodes.members:
+        rows = [[x.replace('"', "").strip() for x in line.split(",")] + [""] for line in card.lines]
+        if not name or not rows or elements.has(name) or nodes.has(name):
             return False
         if card.options.get("TYPE", "ELEMENT").upper() == "NODE":
             parts = [list(nodes.of(row[0])) or nodes.one(row[0]) for row in rows]
@@ -426,8 +427,7 @@ def _has_shells(deck: Deck, cards: Iterable[_Card]) -> bool:
 
 
 def _kind(deck: Deck, name: str) -> str:
-    """meshio's name of an element type; empty for masses, springs, connectors and rigid
-    surfaces."""
+    """meshio's name of an element type; empty for masses, springs, connectors and the like."""
     for pattern, kinds in _KINDS:
         if (match := pattern.match(name)) and int(match[1]) in kinds:
             return kinds[int(match[1])]

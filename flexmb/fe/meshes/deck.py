@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -42,6 +42,8 @@ class Deck:
     """Nodes, elements and sets read from a deck, by number.
 
     `numbered` says whether these are the numbers in the file: those of several instances are not.
+    `first_nodes` and `first_elements` have the last number before each instance, and its name with
+    a dot.
     """
 
     source: Path
@@ -50,20 +52,33 @@ class Deck:
     node_sets: dict[str, Iterable[int]] = field(default_factory=dict)
     element_sets: dict[str, Iterable[int]] = field(default_factory=dict)
     numbered: bool = True
+    first_nodes: dict[int, str] = field(default_factory=dict)
+    first_elements: dict[int, str] = field(default_factory=dict)
 
     def add_node(self, number: int | str, place: Iterable[float]) -> None:
         point = tuple(place)
         if self.nodes.setdefault(int(number), point) != point:
-            raise self.error(f"node {number} is given twice, at different places")
+            own = _own_number(int(number), self.first_nodes)
+            raise self.error(f"node {own} is given twice, at different places")
 
     def add_element(self, number: int | str, kind: str, nodes: list[int], tag: str = "") -> None:
         if (count := sum(node not in self.nodes for node in nodes)) > 0:
             missing = next(node for node in nodes if node not in self.nodes)
-            what = f"element {number} names node {missing}, which the deck does not have"
+            own = _own_number(int(number), self.first_elements)
+            what = f"element {own} names node {_own_number(missing, self.first_nodes)}"
+            what += ", which the deck does not have"
             raise self.error(what if count == 1 else f"{what}, nor {count - 1} others")
         new = (kind, nodes, int(tag or 0))
         if self.elements.setdefault(int(number), new) != new:
-            raise self.error(f"element {number} is given twice, with different nodes")
+            own = _own_number(int(number), self.first_elements)
+            raise self.error(f"element {own} is given twice, with different nodes")
+
+    def check_nodes(self, sets: Mapping[str, Iterable[int]]) -> None:
+        """Refuse sets with nodes that are absent."""
+        for name, members in sets.items():
+            if missing := [node for node in members if node not in self.nodes]:
+                own = _own_number(missing[0], self.first_nodes)
+                raise self.error(f'the node set "{name}" names node {own}, which is absent')
 
     def error(self, what: str) -> MeshError:
         return MeshError(f"{self.source}: {what}")
@@ -80,10 +95,9 @@ class Deck:
             place[number] = (kind, len(cells.setdefault(kind, [])))
             cells[kind].append([row[node] for node in nodes])
             tags.setdefault(kind, []).append(tag)
+        self.check_nodes(self.node_sets)
         point_sets, cell_sets = {}, {}
         for name, members in self.node_sets.items():
-            if missing := [node for node in members if node not in row]:
-                raise self.error(f'the node set "{name}" names node {missing[0]}, which is absent')
             point_sets[name] = np.array([row[node] for node in members], dtype=int)
         for name, members in self.element_sets.items():
             rows: dict[str, list[int]] = {kind: [] for kind in cells}
@@ -146,6 +160,19 @@ def read_deck(
     homes = [home for home, names in counts.items() if names]
     note = f"the mesh file also has {', '.join(entries)}, not read: the body takes its own "
     return deck.mesh(note + ", ".join(homes) if entries else "")
+
+
+def _own_number(number: int, first: Mapping[int, str]) -> str:
+    """A number as the deck has it, such as ``12`` or ``Rod-1.12``."""
+    before = max((last for last in first if last < number), default=0)
+    return f"{first.get(before, '')}{number - before}"
+
+
+def among(present: Collection[int], numbers: range) -> list[int]:
+    """The numbers of a range that are present; in time of the shorter of both."""
+    if len(numbers) < len(present):
+        return [number for number in numbers if number in present]
+    return [number for number in present if number in numbers]
 
 
 def _text(source: Path, include: re.Pattern[str], inside: tuple[Path, ...] = ()) -> str:

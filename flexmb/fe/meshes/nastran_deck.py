@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from flexmb.fe.meshes.deck import SOLIDS, SURFACES, Deck, read_deck, read_real
+from flexmb.fe.meshes.deck import SOLIDS, SURFACES, Deck, among, read_deck, read_real
 from flexmb.flexbody.arrays import FloatArray
 
 NASTRAN = (".bdf", ".fem", ".nas")
@@ -139,13 +139,11 @@ def _node_groups(
     """
     groups: dict[str, list[int]] = {}
     for word, *fields in entries:
-        name = f"{word}:{fields[0]}"
-        if word == "RBE2":
-            groups[f"{name}:reference"] = [int(fields[1])]
-            groups[name] = _listed([x for x in fields[3:] if "." not in x], present)
-        elif word == "RBE3":
-            groups[f"{name}:reference"] = [int(fields[2])]
-            groups[name] = _weighted_nodes(fields[4:])
+        if word in ("RBE2", "RBE3"):
+            name, own = f"{word}:{fields[0]}", word == "RBE2"
+            groups[f"{name}:reference"] = [int(fields[1 if own else 2])]
+            lists = [[x for x in fields[3:] if "." not in x]] if own else _weighted(fields[4:])
+            groups[name] = [node for part in lists for node in _listed(part, present)]
         elif word in _BOUNDARIES:
             first, step = _BOUNDARIES[word]
             own = f"SPC:{fields[0]}" if word.startswith("SPC") else "ASET"
@@ -154,21 +152,25 @@ def _node_groups(
     return {name: nodes for name, nodes in groups.items() if nodes}
 
 
-def _weighted_nodes(fields: Iterable[str]) -> list[int]:
-    """Nodes of RBE3: behind each weight, a real number, the components and then the nodes."""
-    nodes: list[int] = []
-    behind = 0  # fields since the last weight
+def _weighted(fields: Iterable[str]) -> list[list[str]]:
+    """Lists of nodes of RBE3: behind each weight, a real number, the components and then nodes."""
+    parts: list[list[str]] = []
     for field_ in filter(None, fields):
         if field_ in ("UM", "ALPHA"):
             break
-        behind = 0 if not field_.isdigit() else behind + 1
-        nodes += [int(field_)] if behind > 1 else []
-    return nodes
+        if "." in field_:
+            parts.append([])
+        elif parts:
+            parts[-1].append(field_)
+    return [part[1:] for part in parts]
 
 
-def _listed(fields: Iterable[str], present: Iterable[int]) -> list[int]:
-    """Numbers of a list; of ranges such as 5 THRU 9, 5 THRU 9 BY 2 and EXCEPT 7 those present."""
+def _listed(fields: Iterable[str], present: Collection[int]) -> list[int]:
+    """Numbers of a list; of ranges such as 5 THRU 9, 5 THRU 9 BY 2 and EXCEPT 7, and of ALL, those
+    present."""
     words = [x for x in fields if x]
+    if words == ["ALL"]:
+        return list(present)
     leave = words.index("EXCEPT") if "EXCEPT" in words else len(words)
     out = {int(x) for x in words[leave + 1 :]}
     numbers: dict[int, None] = {}
@@ -180,8 +182,7 @@ def _listed(fields: Iterable[str], present: Iterable[int]) -> list[int]:
             last, k = int(words[k + 2]), k + 2
             if words[k + 1 : k + 2] == ["BY"]:
                 step, k = int(words[k + 2]), k + 2
-            within = range(first, last + 1, step)
-            numbers |= dict.fromkeys(number for number in present if number in within)
+            numbers |= dict.fromkeys(among(present, range(first, last + 1, step)))
         k += 1
     return [number for number in numbers if number not in out]
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from time import process_time
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -278,3 +280,54 @@ def test_cylindrical_coordinates_of_nodes(tmp_path):
     mesh = read(tmp_path, "*NODE, SYSTEM=C\n1, 2., 90., 5.\n2, 2., 210.\n")
     expected = [[0, 2, 5], [-np.sqrt(3), -1, 0]]
     np.testing.assert_allclose(mesh.points, expected, atol=1e-15)
+
+
+def test_a_set_of_an_instance_takes_nothing_of_the_next_one(tmp_path):
+    """Element 2 is a mass, which a mesh does not have; the next instance has a number there."""
+    mass = "*Element, type=MASS, elset=ball\n 2, 7\n*Elset, elset=every\n 1, 2\n*Nset, nset=tip"
+    text = assembly(TWO).replace("*Nset, nset=tip", mass)
+    assert groups(read(tmp_path, text))["low.every"] == [*range(8)]
+    with pytest.raises(MeshError, match='node set "tip" names node 9, which is absent'):
+        read(tmp_path, assembly(TWO).replace("nset=tip\n 7", "nset=tip\n 9"))
+
+
+def test_a_set_of_masses_is_a_member_of_another(tmp_path):
+    rest = "*ELEMENT, TYPE=MASS, ELSET=ball\n50, 1\n*ELSET, ELSET=every\nall, ball\n"
+    mesh = read(tmp_path, solid("C3D8") + rest)
+    np.testing.assert_array_equal(mesh.element_sets["every"]["hexahedron"], [0])
+
+
+def test_capitals_do_not_tell_a_surface_from_a_set(tmp_path):
+    sets = "*ELSET, ELSET=Top\n7\n*SURFACE, NAME=TOP\nall, S2\n"
+    mesh = read(tmp_path, solid("C3D8") + sets)
+    assert list(mesh.element_sets["Top"]) == ["hexahedron"]
+    assert "1 SURFACE, not read" in mesh.note
+
+
+def test_nodes_of_elements_of_an_instance_and_names_in_quotes(tmp_path):
+    rest = '*Nset, nset=own, elset=Set-1, instance=low\n*Nset, nset="some"\n"High".1, low."tip"\n'
+    found = groups(read(tmp_path, assembly(TWO, rest)))
+    assert (found["own"], found["some"]) == ([*range(8)], [6, 8])
+
+
+@pytest.mark.parametrize(
+    ("rest", "sentence"),
+    [
+        ("*Nset, nset=s\n3\n", 'node set "s" names node 3, which'),
+        ("*Element, type=T3D2\n 5, 1, 3\n", "element 5 names node 3, which"),
+        ("*Node\n 1, 0., 0., 0.\n", "node 1 is given twice"),
+    ],
+)
+def test_numbers_of_the_assembly_are_told_as_it_has_them(tmp_path, rest, sentence):
+    with pytest.raises(MeshError, match=sentence):
+        read(tmp_path, assembly(TWO, rest))
+
+
+def test_many_generated_sets_do_not_each_go_through_all_nodes(tmp_path):
+    """A second for 4000 lines and 40 000 nodes; through all nodes each it would be minutes."""
+    nodes = "".join(f"{k}, {k}., 0., 0.\n" for k in range(1, 40_001))
+    lines = "".join(f"{k}, {k + 4}, 2\n" for k in range(1, 40_001, 10))
+    begin = process_time()
+    mesh = read(tmp_path, f"*NODE\n{nodes}*NSET, NSET=some, GENERATE\n{lines}")
+    assert process_time() - begin < 5.0
+    assert len(mesh.node_sets["some"]) == 12_000

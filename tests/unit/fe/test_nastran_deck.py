@@ -124,6 +124,8 @@ GROUPS = {  # entries, and their groups by the numbers of the deck
         "RBE3:7": [*range(1, 6)], "RBE3:7:reference": [20],
     },
     "RBE3,7,,20,123,1.0+0,123,8": {"RBE3:7": [8], "RBE3:7:reference": [20]},
+    "RBE3,7,,20,123,1.,123,1,THRU\n+,4": {"RBE3:7": [*range(1, 5)], "RBE3:7:reference": [20]},
+    "CSET1,,ALL": {"ASET": [*range(1, 10), 20]},
     "ASET,3,123,5,123456\nASET1,3,7,THRU,99\nASET1,0,501,THRU,510\nBSET1,12,1": {
         "ASET": [1, 3, 5, 7, 8, 9, 20],
     },
