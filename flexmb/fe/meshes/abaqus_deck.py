@@ -385,12 +385,13 @@ class _Part:
     def _read_surface(self, card: _Card, shells: bool) -> bool:
         """Make a group of a surface: of faces, sides of shells or nodes; False if it is not read.
 
-        If there are `shells` too, faces of solids become a group of nodes.
+        Where a set has its name it is ``name.surface``. With `shells`, faces of solids are nodes.
         """
         deck, nodes, elements = self.deck, self.nodes, self.elements
-        name = card.options.get("NAME", "")
+        name = given = card.options.get("NAME", "")
+        name += ".surface" if elements.has(given) or nodes.has(given) else ""
         rows = [[x.replace('"', "").strip() for x in line.split(",")] + [""] for line in card.lines]
-        if not name or not rows or elements.has(name) or nodes.has(name):
+        if not given or not rows or elements.has(name) or nodes.has(name):
             return False
         if card.options.get("TYPE", "ELEMENT").upper() == "NODE":
             parts = [list(nodes.of(row[0])) or nodes.one(row[0]) for row in rows]

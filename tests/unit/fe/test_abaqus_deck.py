@@ -297,11 +297,16 @@ def test_a_set_of_masses_is_a_member_of_another(tmp_path):
     np.testing.assert_array_equal(mesh.element_sets["every"]["hexahedron"], [0])
 
 
-def test_capitals_do_not_tell_a_surface_from_a_set(tmp_path):
-    sets = "*ELSET, ELSET=Top\n7\n*SURFACE, NAME=TOP\nall, S2\n"
+@pytest.mark.parametrize("name", ["Top", "TOP"])
+def test_a_surface_with_the_name_of_a_set_is_another_group(tmp_path, name):
+    """Abaqus/CAE names sets and surfaces independently."""
+    sets = f"*NSET, NSET=Top\n5\n*ELSET, ELSET=Top\n7\n*SURFACE, NAME={name}\nall, S2\n"
     mesh = read(tmp_path, solid("C3D8") + sets)
     assert list(mesh.element_sets["Top"]) == ["hexahedron"]
-    assert "1 SURFACE, not read" in mesh.note
+    np.testing.assert_array_equal(mesh.node_sets["Top"], [4])
+    np.testing.assert_array_equal(mesh.node_sets[f"{name}.surface"], [4, 5, 6, 7])
+    assert list(mesh.element_sets[f"{name}.surface"]) == ["quad"]
+    assert not mesh.note
 
 
 def test_nodes_of_elements_of_an_instance_and_names_in_quotes(tmp_path):
