@@ -388,10 +388,10 @@ class _Part:
         Where a set has its name it is ``name.surface``. With `shells`, faces of solids are nodes.
         """
         deck, nodes, elements = self.deck, self.nodes, self.elements
-        name = given = card.options.get("NAME", "")
-        name += ".surface" if elements.has(given) or nodes.has(given) else ""
+        name = own = card.options.get("NAME", "")
+        name += ".surface" if elements.has(own) or nodes.has(own) else ""
         rows = [[x.replace('"', "").strip() for x in line.split(",")] + [""] for line in card.lines]
-        if not given or not rows or elements.has(name) or nodes.has(name):
+        if not own or not rows or elements.has(name) or nodes.has(name):
             return False
         if card.options.get("TYPE", "ELEMENT").upper() == "NODE":
             parts = [list(nodes.of(row[0])) or nodes.one(row[0]) for row in rows]
