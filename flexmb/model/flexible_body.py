@@ -143,13 +143,18 @@ class FlexibleBodySpec(BodySpec):
         what = f'the body has no interface "{name}"'
         return [Problem("frame", what, tuple(interfaces), nearest(name, interfaces))]
 
-    def mode_problems(self, m: int, what_is: str = "numbered") -> list[Problem]:
-        """What is wrong with the numbers of `deformation`, of a body with m modes."""
+    def mode_problems(self, m: int, bound: str = "") -> list[Problem]:
+        """What is wrong with the numbers of `deformation`, of a body with m modes.
+
+        `bound` is "at most " if it may have fewer.
+        """
         problems = []
         for word in ("dynamic", "quasi_static"):
             wrong = [k for k in getattr(self.deformation, word, None) or () if k >= m]
             if wrong:
-                what = f"the body has no mode {wrong[0]}: they are {what_is} from 0 to {m - 1}"
+                what = (
+                    f"the body has no mode {wrong[0]}: they are numbered from 0 to {bound}{m - 1}"
+                )
                 problems.append(Problem(f"deformation.{word}", what))
         return problems
 

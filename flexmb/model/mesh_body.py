@@ -227,7 +227,7 @@ class MeshBodySpec(FlexibleBodySpec):
             for number in (n for n in ratios if int(n) > most):
                 what = f"there is no such mode: the body has at most {most}"
                 problems.append(Problem(f"damping.modes.{number}", what))
-            problems += self.mode_problems(most, "numbered at most")
+            problems += self.mode_problems(most, "at most ")
         if self.reduction == "guyan" and self.modes not in (None, 0):
             problems.append(Problem("modes", "a static reduction (guyan) keeps none; leave it out"))
         if self.refine > _MAX_REFINEMENTS:

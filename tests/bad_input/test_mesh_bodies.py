@@ -293,7 +293,7 @@ def test_a_reaction_of_a_load_of_a_body_is_refused(tmp_path):
     [
         ({"dynamic": [0, 1]}, ""),
         ({"quasi_static": [11]}, ""),
-        ({"dynamic": [0, 99]}, "no mode 99: they are numbered at most from 0 to 29"),
+        ({"dynamic": [0, 99]}, "no mode 99: they are numbered from 0 to at most 29"),
     ],
 )
 def test_a_list_of_modes_before_the_reduction(tmp_path, numbers, sentence):

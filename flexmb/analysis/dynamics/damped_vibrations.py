@@ -174,7 +174,7 @@ def follow_vibrations(
 def _first_vibration(
     point: _StateEvaluator, jumps: JumpStates, k: int, step: float
 ) -> tuple[OutputBlock | None, Array]:
-    """A row (1, ...) with the reactions of the vibrations that begin at a jump.
+    """A row (1, ...) with reactions and accelerations of the vibrations that begin at a jump.
 
     Its velocities are those after the jump; also returns those before it (nv,). The row is None if
     the accelerations are not defined, as of modes without mass.
@@ -183,7 +183,8 @@ def _first_vibration(
     rows = [point.row(k, after, 0.0), point.row(k, after, step)]
     if 0 < k < MAX_JUMPS:  # subtract the difference just before the jump
         rows += [point.row(k, before, 0.0), point.row(k, before, step)]
-    if not all(len(row.t) and np.isfinite(row.reactions).all() for row in rows):
+    finite = (np.isfinite(row.reactions).all() and np.isfinite(row.vd).all() for row in rows)
+    if not all(len(row.t) for row in rows) or not all(finite):
         return None, np.zeros(0)
     signs = (1.0, -1.0, -1.0, 1.0)
     parts = {

@@ -167,11 +167,9 @@ def energy_error(prepared: PreparedDynamics, cause: str) -> str:
         lag = float(memory["static_lag"] / max(memory["static_size"], np.finfo(float).tiny))
         if lag <= _MAX_LAG:
             return f"{what}quasi-static modes {vibrations}"
-        long, cure = (
-            (f"steps of {step:.3g} s", "shorten them")
-            if step
-            else ("steps", "ask for more accuracy")
-        )
+        long, cure = "steps", "ask for more accuracy"
+        if step:
+            long, cure = f"steps of {prepared.model.units.say(step, 's', 3)}", "shorten them"
         return (
             f"{what}{long} are too long for quasi-static modes, which depart in a step by "
             f"{100 * lag:.3g} % of their deformation from where its rate leads; {cure}; if it "

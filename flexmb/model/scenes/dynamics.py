@@ -347,7 +347,7 @@ class ValiditySpec(Spec):
     of the deformation; ``load_factor``: the loads over those that buckle the body;
     ``stiffening``: the change of the sensors on a slender body, over their range, by geometric
     stiffening that it does not have, or without sensors the change of its deflection. A run warns
-    before it stops. ``"any"`` removes a limit.
+    before it stops. ``"any"`` removes a limit; that of ``speed`` with the one of ``stiffening``.
     """
 
     deflection: _Bound = 0.3
