@@ -19,11 +19,13 @@ from flexmb.analysis.assembly.jacobian import (
 )
 from flexmb.analysis.assembly.positions import close_rows
 from flexmb.analysis.chunked_run import ChunkRows
+from flexmb.analysis.dynamics.validity import ValidityMonitor
 from flexmb.analysis.equilibrium_solver import solve_equilibrium, spin_of
 from flexmb.analysis.linear.linearization import Linearization, linearize_state
 from flexmb.analysis.linear.observer import MinimalEquations, RowsAlongMotion
 from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.analysis.linear.state_space import actuators
+from flexmb.analysis.monitors import Indicator
 from flexmb.engine.allocation import new_run, new_work
 from flexmb.engine.compile import Compiled
 from flexmb.engine.compiled_calls import statics_units
@@ -33,6 +35,7 @@ from flexmb.engine.state_rows import write_equilibrium
 from flexmb.errors import AssemblyError, FlexmbError, Problem, SceneError, nearest
 from flexmb.flexbody.arrays import Array
 from flexmb.model.model import Model
+from flexmb.results.output_block import OutputBlock
 
 # Random poses: largest number of displacements, and their largest size, over the size of the model
 # or in radians.
@@ -75,21 +78,31 @@ class Equilibrium:
 
     def channels(self, names: Sequence[str] = ()) -> Array:
         """Channels of sensors (k,), all by default, in the scene's units."""
-        compiled, model, system = self.compiled, self.model, self.compiled.system
+        compiled, model = self.compiled, self.model
         available = compiled.layout.channels
         unknown = [name for name in names if name not in available]
         if unknown:
             raise SceneError.unknown_name("channel of a sensor", unknown[0], available)
-        prepare_units(statics_units(system))
-        rows = ChunkRows(compiled, 1)
-        rows.clear()
-        work = new_work(system, len(self.state.angles))
-        call(write_equilibrium, new_run(system, self.state, work, output=rows.output))
-        values = dict(zip(available, rows.read().sensors[0], strict=True))
+        values = dict(zip(available, self._row().sensors[0], strict=True))
         units = {name: model.channel_unit(name) or "" for name in names or available}
         return np.array(
             [model.units.outward(values[n], u) if u else values[n] for n, u in units.items()]
         )
+
+    def limits(self) -> list[Indicator]:
+        """The limits of linear elasticity and of the modes that flexible bodies exceed in it."""
+        monitor = ValidityMonitor(self.compiled, self.model, self.state.q, is_motion=False)
+        monitor.add(self._row())
+        return list(monitor.exceeded())
+
+    def _row(self) -> OutputBlock:
+        system = self.compiled.system
+        prepare_units(statics_units(system))
+        rows = ChunkRows(self.compiled, 1)
+        rows.clear()
+        work = new_work(system, len(self.state.angles))
+        call(write_equilibrium, new_run(system, self.state, work, output=rows.output))
+        return rows.read()
 
     def growth(self) -> tuple[float, bool]:
         """Largest Re λ [1/s] of its modes, and whether it is stable.

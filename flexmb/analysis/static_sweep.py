@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 
 from flexmb.analysis.equilibrium_search import Equilibrium, find_equilibrium, separation
+from flexmb.analysis.monitors import Indicator
 from flexmb.engine.compile import Compiled
 from flexmb.errors import AssemblyError, SceneError
 from flexmb.model.model import Model
@@ -77,6 +78,7 @@ class SweepPoint:
     channels: Array
     growth: float  # largest Re λ [1/s]; NaN where there are no modes
     stable: bool
+    limits: tuple[Indicator, ...] = ()  # that flexible bodies exceed
 
     @property
     def q(self) -> Array:
@@ -111,6 +113,16 @@ class StaticSweep:
     def values(self) -> Array:
         """(n,) values of the parameter, in the scene's units."""
         return np.array([point.value for point in self.points])
+
+    @property
+    def notes(self) -> list[str]:
+        """A sentence on each limit of flexible bodies, at the first value that exceeds it."""
+        notes: dict[tuple[str, str], str] = {}
+        for point in self.points:
+            for one in point.limits:
+                text = f"{self.parameter} = {point.value:g}: {one.text()}"
+                notes.setdefault((one.body, one.quantity), text)
+        return list(notes.values())
 
     @property
     def table(self) -> Array:
@@ -226,7 +238,8 @@ class _Path:
                 )
         equilibrium = find_equilibrium(compiled, model, time=time, start=start)
         growth, stable = equilibrium.growth()
-        return SweepPoint(value, equilibrium, equilibrium.channels(), growth, stable)
+        limits = tuple(equilibrium.limits())
+        return SweepPoint(value, equilibrium, equilibrium.channels(), growth, stable, limits)
 
     @staticmethod
     def way(a: SweepPoint, b: SweepPoint) -> float:

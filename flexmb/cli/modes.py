@@ -366,6 +366,9 @@ def _show_equilibria(equilibria: Any, channels: list[str]) -> None:
         if not stable:
             screen.line(f"{k + 1} is unstable: a disturbance grows by a factor of e in "
                         f"{1.0 / growth:.3g} s")  # fmt: skip
+    for k, one in enumerate(equilibria):
+        for limit in one.limits():
+            screen.line(f"note: equilibrium {k + 1}: {limit.text()}")
 
 
 def _without_round_off(values: Sequence[float]) -> list[float]:
@@ -387,6 +390,8 @@ def _show_static_sweep(sweep: Any, channels: list[str]) -> None:
                  whole=True)  # fmt: skip
     for event in sweep.events:
         screen.line(event.sentence)
+    for note in sweep.notes:
+        screen.line(f"note: {note}")
 
 
 def _stability(growth: float, stable: bool) -> str:

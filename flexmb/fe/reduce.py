@@ -50,6 +50,7 @@ from flexmb.fe.model_checks import (
 from flexmb.fe.recovery import with_recovery
 from flexmb.fe.reduction.eigenmodes import SymmetryPlane, make_symmetry_plane
 from flexmb.fe.reduction.geometric_stiffening import require_stresses, with_geometric_stiffening
+from flexmb.fe.reduction.membrane_stiffness import with_membrane_stiffness
 from flexmb.fe.reduction.methods import (
     check_options,
     coordinates_text,
@@ -246,7 +247,9 @@ def reduce(
         body = with_load_responses(body, fe, reduced, elastic, load_points, mirror, progress)
     if stiffens:
         body = with_geometric_stiffening(body, fe, elastic.Phi, ends, patterns, progress)
-    if mirror is not None:
+    if mirror is None:
+        body = with_membrane_stiffness(body, fe, reduced, elastic, progress)
+    else:
         body = _in_plane(body, fe, mirror, elastic)
     if inspect is not None:
         inspect(fe, reduced, elastic, body, mirror)

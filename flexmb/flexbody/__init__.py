@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from flexmb.flexbody.body import FlexBody, rigid_body
 from flexmb.flexbody.body_file import load, save
+from flexmb.flexbody.membrane_stiffness import MembraneStiffness
 from flexmb.flexbody.part_result import PartResult, load_part, save_part
 from flexmb.flexbody.parts import Interface, LoadPoint, LoadVector, ModeInfo, NodeModes, Surface
 from flexmb.flexbody.static_response import InertiaResponse, LoadResponse, OmittedModes
@@ -17,7 +18,7 @@ from flexmb.flexbody.stress_modes import (
 
 __all__ = [
     "FlexBody", "InertiaResponse", "Interface", "LoadPoint", "LoadResponse", "LoadVector",
-    "ModeInfo", "NodeModes", "OmittedModes", "PartResult", "SectionForceModes", "ShellForceModes",
-    "StressModes", "Surface", "load", "load_part", "principal_stresses", "rigid_body", "save",
-    "save_part", "von_mises",
+    "MembraneStiffness", "ModeInfo", "NodeModes", "OmittedModes", "PartResult",
+    "SectionForceModes", "ShellForceModes", "StressModes", "Surface", "load", "load_part",
+    "principal_stresses", "rigid_body", "save", "save_part", "von_mises",
 ]  # fmt: skip

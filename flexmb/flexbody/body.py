@@ -25,6 +25,7 @@ from numpy.typing import ArrayLike
 from flexmb.errors import Problem, ReductionError, nearest
 from flexmb.flexbody.arrays import Checker, FloatArray, is_nonzero
 from flexmb.flexbody.damping import DampingOptions
+from flexmb.flexbody.membrane_stiffness import MembraneStiffness
 from flexmb.flexbody.parts import Interface, LoadVector, ModeInfo, NodeModes, Surface
 from flexmb.flexbody.static_response import InertiaResponse, LoadResponse, OmittedModes
 from flexmb.flexbody.stress_modes import (
@@ -98,6 +99,9 @@ class FlexBody:
         The same for loads at mesh nodes.
     omitted_modes : OmittedModes, optional
         The lowest modes that the reduction leaves out.
+    membrane_stiffness : MembraneStiffness, optional
+        Of a plate or shell: strain energy of its stretching as it bends, which the equations of
+        motion leave out.
 
     Raises
     ------
@@ -130,6 +134,7 @@ class FlexBody:
     inertia_response: InertiaResponse | None = None
     load_response: LoadResponse | None = None
     omitted_modes: OmittedModes | None = None
+    membrane_stiffness: MembraneStiffness | None = None
 
     def __post_init__(self) -> None:
         check = Checker(f"body {self.name}")
@@ -326,6 +331,8 @@ def _check_parts(body: FlexBody, check: Checker) -> None:
         columns["shell_forces"] = body.shell_forces.m
     if body.omitted_modes is not None:
         columns["omitted_modes"] = body.omitted_modes.modes.shape[1]
+    if body.membrane_stiffness is not None:
+        columns["membrane_stiffness"] = body.membrane_stiffness.shapes.shape[1]
     for part, count in columns.items():
         if count != body.m:
             check.add(part, f"has {count} modes where the body has {body.m}")

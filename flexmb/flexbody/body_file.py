@@ -26,6 +26,7 @@ import numpy as np
 from flexmb.errors import BodyFileError, OutputError, ReductionError
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.damping import plain_options, read_damping
+from flexmb.flexbody.membrane_stiffness import MembraneStiffness
 from flexmb.flexbody.parts import Interface, LoadPoint, LoadVector, ModeInfo, NodeModes, Surface
 from flexmb.flexbody.static_response import InertiaResponse, LoadResponse, OmittedModes
 from flexmb.flexbody.stress_modes import (
@@ -127,6 +128,9 @@ TABLE = (
     Dataset("omitted_modes/inertia", "f8", ("o", 12), "force by inertia loads", True),
     Dataset("omitted_modes/modes", "f8", ("o", "m"), "force by modal accelerations", True),
     Dataset("omitted_modes/loads", "f8", ("o", "v"), "force by loads at mesh nodes", True),
+    Dataset("membrane_stiffness/shapes", "f8", ("a", "m"), "their coordinates per eta", True),
+    Dataset("membrane_stiffness/linear", "f8", ("m", "z"), "energy, by pairs of shapes [J]", True),
+    Dataset("membrane_stiffness/quadratic", "f8", ("z", "z"), "of products of pairs [J]", True),
     Dataset("load_vectors/name", "text", ("d",), "names of the loads", True),
     Dataset("load_vectors/force", "f8", ("d", 3), "resultant [N]", True),
     Dataset("load_vectors/moment", "f8", ("d", 3), "about the body frame's origin [N m]", True),
@@ -154,6 +158,7 @@ _PARTS: dict[str, tuple[str, type]] = {
     "inertia_response": ("inertia_response", InertiaResponse),
     "load_response": ("load_response", LoadResponse),
     "omitted_modes": ("omitted_modes", OmittedModes),
+    "membrane_stiffness": ("membrane_stiffness", MembraneStiffness),
 }
 _NAN_ALLOWED = ("modes/interface_share", "modes/kinetic_share")  # shares that are unknown
 

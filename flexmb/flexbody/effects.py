@@ -41,7 +41,7 @@ def rigid_twin(body: FlexBody) -> FlexBody:
     twin = combine_modes(without_stiffening(body), np.zeros((body.m, 0)))
     return replace(
         twin, D=None, inertia_response=None, load_response=None, omitted_modes=None,
-        omitted_stress=None,
+        omitted_stress=None, membrane_stiffness=None,
     )  # fmt: skip
 
 

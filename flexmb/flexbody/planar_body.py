@@ -311,7 +311,10 @@ def _combine_modes(body: FlexBody, inside: FloatArray, dropped: FloatArray, plan
 
 def combine_modes(body: FlexBody, Z: FloatArray) -> FlexBody:
     """The body in the modes Phi Z with Z (m, k); without a list of modes."""
-    omitted = body.omitted_modes
+    omitted, membrane = body.omitted_modes, body.membrane_stiffness
+    if membrane is not None:
+        shapes, linear = membrane.shapes @ Z, Z.T @ membrane.linear
+        membrane = replace(membrane, shapes=shapes, linear=linear)
     return replace(
         body,
         p=body.p @ Z,
@@ -327,6 +330,7 @@ def combine_modes(body: FlexBody, Z: FloatArray) -> FlexBody:
             for load in body.loads
         ),
         omitted_modes=None if omitted is None else replace(omitted, modes=omitted.modes @ Z),
+        membrane_stiffness=membrane,
         **_combine_recovery(body, Z),
     )
 

@@ -34,7 +34,7 @@ from flexmb.analysis.dynamics.linear_elasticity import (
     in_body_axes,
     joined_frame,
 )
-from flexmb.analysis.monitors import Indicator
+from flexmb.analysis.monitors import Indicator, percent
 from flexmb.engine import initial_conditions
 from flexmb.engine.allocation import new_run, new_state, new_work
 from flexmb.engine.compile import Compiled
@@ -310,10 +310,10 @@ class ModalBasisMonitor:
 
     def _truncation(self, one: _MonitoredBody, share: float, t: float, hertz: float) -> str:
         change = self._sensor_change(one, share, hertz)
-        sensors = "" if change is None else f", and change sensors by up to {_percent(change)}"
+        sensors = "" if change is None else f", and change sensors by up to {percent(change)}"
         return (
             f"bodies.{one.name}: a mode of {self._units.say(hertz, 'Hz', 3)} that it does not have "
-            f"would vibrate with {_percent(share)} of its deformation at t = "
+            f"would vibrate with {percent(share)} of its deformation at t = "
             f"{self._units.say(t, 's', 4)}{sensors}: its motion or loads come near that frequency; "
             "reduce it with more modes"
         )
@@ -444,7 +444,3 @@ class _Oscillators:
             slope = slopes[-1] if len(slopes) else np.nan
             state[k] = z[-1].real, z[-1].imag, slope, follow[-1], time[-1]
         return beyond
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.2g} %" if share < 1.0 else f"{100 * share:.0f} %"

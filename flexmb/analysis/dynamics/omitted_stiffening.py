@@ -23,15 +23,13 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from scipy.linalg import block_diag
 from scipy.optimize import brentq
 
-from flexmb.analysis.assembly.jacobian import (
-    MAX_COORDINATES,
-    ConstraintRows,
-    Decomposition,
-    column_scales,
-    one_blas_thread,
+from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, one_blas_thread
+from flexmb.analysis.dynamics.joined_body import (
+    ModalCompliance,
+    largest_sensor_change,
+    position_sensors,
 )
 from flexmb.analysis.dynamics.linear_elasticity import (
     flexible_columns,
@@ -46,15 +44,13 @@ from flexmb.analysis.dynamics.load_factor import (
     masses_along,
     slender_axis,
 )
-from flexmb.analysis.monitors import Indicator
+from flexmb.analysis.monitors import Indicator, percent
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.flexbody.static_response import LEAST_MOTION
-from flexmb.model.excitation import marker_interface
 from flexmb.model.model import Model
-from flexmb.model.reading import GROUND
 from flexmb.results.output_block import OutputBlock
 
 #: Change over the deflection of the body, and of a sensor over its range, from which a run says so.
@@ -69,7 +65,6 @@ _SAME_PLACE = 5e-3  # nodes closer along the axis than this share of the length 
 _MIN_SHARE_OF_RUN = 0.1  # share of a run after which it may be refused
 _MAX_ROW_WEIGHT = 0.125  # largest weight of one row in the mean of forces over a period
 _VISIBLE = 1e-3  # change of a sensor below which that of the deflection does not matter
-_DEPENDENT = 1e-9  # compliance of a set of joint rows, over the largest, that has no meaning
 # Share of the largest change so far from which on the first estimate of a row is made exact.
 _WORTH = 0.5
 
@@ -178,8 +173,12 @@ class OmittedStiffeningMonitor:
             np.flatnonzero(compiled.system.parts.markers["body"] == one.number)
             for one in self._bars
         ]
-        self._mechanism = _Compliance(compiled) if n else None
-        self._first = self._mechanism.of(q, self._bars) if self._mechanism else []
+        self._mechanism = ModalCompliance(compiled) if n else None
+        self._first = (
+            self._mechanism.of(q, [one.columns.name for one in self._bars])
+            if self._mechanism
+            else []
+        )
         self._roots = [_root(C) for C in self._first]
         self._periods = np.array(
             [_period(*pair) for pair in zip(self._bars, self._first, strict=True)]
@@ -229,7 +228,7 @@ class OmittedStiffeningMonitor:
         """Compute the change of one row, in its pose, and keep it if it is the largest."""
         assert self._mechanism is not None
         one = self._bars[k]
-        compliance = self._mechanism.of(rows.q[row], [one])[0]
+        compliance = self._mechanism.of(rows.q[row], [one.columns.name])[0]
         change, tension = one.change(N, eta, compliance)
         moved = float(largest_lengths(change[None], one.points)[0])
         if np.isfinite(moved) and moved > self._largest[0, k]:
@@ -274,13 +273,9 @@ class OmittedStiffeningMonitor:
 
     def _sensor_change(self, k: int) -> float | None:
         """Largest change of the position sensors on the body, over their range; None: no sensor."""
-        changes = []
-        for channels, motion in self._bars[k].sensors if self._most.ndim else ():
-            size = float(np.linalg.norm((self._most - self._least)[channels]))
-            change = self._change[None, k, : self._bars[k].columns.m]
-            if size > LEAST_MOTION * self._bars[k].body.characteristic_length:
-                changes.append(float(largest_lengths(change, motion)[0]) / size)
-        return max(changes, default=None)
+        one = self._bars[k]
+        change, ranges = self._change[k, : one.columns.m], self._most - self._least
+        return largest_sensor_change(one.body, one.sensors, ranges, change)
 
     def _sentence(
         self, one: _Bar, share: float, seen: float | None, t: float, force: float, tension: float
@@ -289,10 +284,10 @@ class OmittedStiffeningMonitor:
         cause = f"it is {'pulled' if force > 0 else 'compressed'} with {say(abs(force))}"
         if tension > abs(force):
             cause = f"its joints hold the ends that its bow pulls together, with {say(tension)}"
-        sensors = "" if not seen else f" and a sensor by {_percent(seen)} of its range"
+        sensors = "" if not seen else f" and a sensor by {percent(seen)} of its range"
         return (
             f"bodies.{one.columns.name}: geometric stiffening is left out, which would change its "
-            f"deflection by about {_percent(share)}{sensors} (t = {at}: {cause}); reduce it with "
+            f"deflection by about {percent(share)}{sensors} (t = {at}: {cause}); reduce it with "
             'geometric_stiffening = "full"'
         )
 
@@ -302,40 +297,6 @@ class OmittedStiffeningMonitor:
             f"{value:.2g} of the load that buckles it, yet its forces do not soften it; reduce it "
             'with geometric_stiffening = "full"'
         )
-
-
-class _Compliance:
-    """Compliance of modes in the mechanism: eta per modal force, all bodies in equilibrium.
-
-    With G η = 0 what the joints demand of the modes, whatever the bodies do, it is
-    K⁻¹ − K⁻¹ Gᵀ (G K⁻¹ Gᵀ)⁺ G K⁻¹.
-    """
-
-    def __init__(self, compiled: Compiled) -> None:
-        self._rows, self._scales = ConstraintRows(compiled), column_scales(compiled)
-        self._weights = compiled.system.row_weights
-        every = list(flexible_columns(compiled))
-        self._places = np.concatenate(
-            [columns.iv + 6 + np.arange(columns.m) for columns, _ in every]
-        )
-        self._rigid = np.setdiff1d(np.flatnonzero(self._scales > 0.0), self._places)
-        self._inverse = block_diag(*(np.linalg.inv(body.K) for _, body in every))
-        ends = np.cumsum([0, *(columns.m for columns, _ in every)])
-        names = [columns.name for columns, _ in every]
-        self._parts = {name: slice(ends[k], ends[k + 1]) for k, name in enumerate(names)}
-
-    def of(self, q: Array, bars: list[_Bar]) -> list[Array]:
-        """(m, m) of each bar in the pose q."""
-        Cq = self._rows.evaluate(q).Cq
-        A = self._weights[:, None] * Cq
-        rows = Decomposition.of(A[:, self._rigid] * self._scales[self._rigid])
-        G = rows.U[:, rows.rank :].T @ A[:, self._places]
-        between = G @ self._inverse @ G.T
-        size = np.sqrt(between.diagonal().clip(1e-300))
-        stiffness = np.linalg.pinv(between / np.outer(size, size), rcond=_DEPENDENT, hermitian=True)
-        taken = (G @ self._inverse) / size[:, None]
-        C = self._inverse - taken.T @ stiffness @ taken
-        return [C[part, part] for part in (self._parts[one.columns.name] for one in bars)]
 
 
 def _bars(compiled: Compiled, model: Model) -> Iterator[_Bar]:
@@ -367,10 +328,11 @@ def _bars(compiled: Compiled, model: Model) -> Iterator[_Bar]:
             bow = np.einsum("s,sai,saj->ij", inside.clip(0.0), slopes, slopes)
             span = axis @ (joined[b].Phi_t - joined[a].Phi_t)
         frame_of = getattr(model.bodies[columns.name], "frame_interface", None)
-        points, sensors = relative_motion(body, frame)[0], _sensors(compiled, model, columns, body)
+        points = relative_motion(body, frame)[0]
+        sensors = tuple(position_sensors(compiled, model, columns, body))
         yield _Bar(
             columns, body, number, axis, ends, masses_along(body, axis, ends), slopes,
-            joined_slopes, bow, span, points, frame_of is None, tuple(sensors),
+            joined_slopes, bow, span, points, frame_of is None, sensors,
         )  # fmt: skip
 
 
@@ -387,46 +349,6 @@ def _means(values: Array, along: Array, ends: Array) -> Array:
     return at.T.reshape(len(ends), *values.shape[1:])
 
 
-def _sensors(
-    compiled: Compiled, model: Model, columns: BodyColumns, body: FlexBody
-) -> Iterator[tuple[Array, Array]]:
-    """Channels of each position sensor on a body, and the motion of its marker (3 k, m).
-
-    That is relative to the joints; of a marker that is no interface it is that of all points. A
-    body that is joined to an interface moves with it.
-    """
-    frame, channels = joined_frame(body, columns.name, model), compiled.layout.channels
-    names = [one.name for one in body.interfaces]
-    places: dict[str, set[str]] = {}  # of this body's interfaces, by the bodies joined there
-    for joint in model.joints.values():
-        for here, there in (joint.between, joint.between[::-1]):
-            owner, _, place = here.partition(".")
-            one = marker_interface(model.bodies[owner], place) if owner == columns.name else None
-            if one in names:
-                places.setdefault(there.partition(".")[0], set()).add(one or "")
-    for name, spec in model.sensors.items():
-        if spec.type != "position":
-            continue
-        numbers = [k for k, one in enumerate(channels) if one.partition(".")[0] == name]
-        for marker in (getattr(spec, "of", None), getattr(spec, "relative_to", None)):
-            owner, _, place = (marker or "").partition(".")
-            moved = places.get(owner, set())
-            if owner == columns.name:
-                moved = {marker_interface(model.bodies[owner], place) or ""}
-            if owner == columns.name and not moved <= set(names):
-                yield np.array(numbers), relative_motion(body, frame)[0] * _size(body)
-            elif owner != GROUND:
-                for at in map(body.interface, sorted(moved)):
-                    yield np.array(numbers), at.Phi_t - frame.at(at.position[None])[0]
-
-
-def _size(body: FlexBody) -> float:
-    """Length over which displacements of `relative_motion` are."""
-    assert body.nodes is not None
-    positions = np.vstack([body.nodes.position, *(one.position for one in body.interfaces)])
-    return float(np.linalg.norm(np.ptp(positions, axis=0)))
-
-
 def _root(C: Array) -> Array:
     """A matrix R with R Rᵀ = C."""
     values, X = np.linalg.eigh(C)
@@ -437,7 +359,3 @@ def _period(bar: _Bar, compliance: Array) -> float:
     """About the longest period of a body as it is joined [s]."""
     largest = np.linalg.eigvals(compliance @ bar.body.M_eta)
     return float(2.0 * np.pi * np.sqrt(np.abs(largest).max(initial=0.0)))
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.2g} %" if share < 1.0 else f"{100 * share:.0f} %"

@@ -98,6 +98,7 @@ class ValidityMonitor:
                 self._elasticity,
                 self._load_factor,
                 OmittedStiffeningMonitor(compiled, model, q, self._load_factor, is_motion),
+                *_membrane_monitors(compiled, model),
                 *((self._inertia,) if self._inertia else ()),
                 self._basis,
                 *((OmittedVibrationMonitor(compiled, model, q),) if is_motion else ()),
@@ -137,10 +138,15 @@ class ValidityMonitor:
         """A sentence on each body and limit that is exceeded."""
         yield from self._notes
         yield from self._basis.notes()
+        for one in self.exceeded():
+            yield one.text()
+
+    def exceeded(self) -> Iterator[Indicator]:
+        """Indicators above their warning level, less those that another one tells too."""
         exceeded = [one for one in self.indicators() if one.value > one.warning]
         for one in exceeded:
             if not any(other.body == one.body and _tells(other, one) for other in exceeded):
-                yield one.text()
+                yield one
 
     def diverging(self, state: State) -> str:
         """The sentence on a body whose equations have lost their mass or all stiffness, or "".
@@ -196,6 +202,16 @@ def _inertia_monitor(
     from flexmb.analysis.dynamics.deformed_inertia import DeformedInertiaMonitor
 
     return DeformedInertiaMonitor(compiled, model, q)
+
+
+def _membrane_monitors(compiled: Compiled, model: Model) -> Iterator[Monitor]:
+    """The monitor of plates and shells, if there are any."""
+    if any(body.membrane_stiffness is not None for body in compiled.flexbodies.values()):
+        from flexmb.analysis.dynamics.omitted_membrane_stiffness import (
+            OmittedMembraneStiffnessMonitor,
+        )
+
+        yield OmittedMembraneStiffnessMonitor(compiled, model)
 
 
 def _tells(other: Indicator, one: Indicator) -> bool:

@@ -247,6 +247,33 @@ class Shell:
         f = np.einsum("enc,encd->ed", load, _mass_motion(fields))
         return np.asarray(f.reshape(len(s), -1, 2, 3) @ fields.flat.axes[:, None])
 
+    def mean_strains(
+        self, x: FloatArray, section: ShellSection, u: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Means over the elements of strains of first and second order of displacements u (ne, d,
+        k).
+
+        Returns
+        -------
+        (ne, 6, d), (ne, 6, k, k), (6, 6) and (ne,) float
+            Rows of strains; symmetric parts u_c,a u_c,b of two displacements, for membrane strains;
+            elasticity; area.
+        """
+        fields = make_fields(self.kind, x, section)
+        points = make_points(fields.flat, shell_functions(self.kind, "stiffness"))
+        slopes = points.gradients(fields)[..., :3, :]
+        (ne, nq), k = slopes.shape[:2], u.shape[2]
+        H = np.matmul(slopes.reshape(ne, nq * 6, -1), u).reshape(ne, nq, 2, 3, k)
+        weight = points.area / points.area.sum(axis=1, keepdims=True)
+        along = (np.sqrt(weight)[:, :, None, None, None] * H).transpose(2, 0, 1, 3, 4)
+        along = along.reshape(2, ne, nq * 3, k)
+        E = np.zeros((ne, 6, k, k))
+        for row, (a, b) in enumerate(((0, 0), (1, 1), (0, 1))):
+            both = np.matmul(along[a].transpose(0, 2, 1), along[b])
+            E[:, row] = 0.5 * (both if a == b else both + both.swapaxes(1, 2))
+        B = np.einsum("eq,eqid->eid", weight, points.strains(fields))
+        return B, E, section.laminate.ABD, points.area.sum(axis=1)
+
     def stress_layers(self, section: Any) -> tuple[str, ...]:
         """The outer faces; the element normal points from bottom to top."""
         return ("bottom", "top")

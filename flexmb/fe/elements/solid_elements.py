@@ -198,6 +198,30 @@ class Solid:
             K[:, :, c, :, c] = scalar
         return K.reshape(ne, 3 * k, 3 * k)
 
+    def mean_strains(
+        self, x: FloatArray, section: SolidSection, u: FloatArray
+    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+        """Means over the elements of strains of first and second order of displacements u (ne, 3k,
+        s).
+
+        Returns
+        -------
+        (ne, 6, 3k), (ne, 6, s, s), (6, 6) and (ne,) float
+            Rows of strains; symmetric parts u_c,a u_c,b of two displacements; elasticity; volume.
+        """
+        H = np.stack([self._slopes(x, section, one, self.points) for one in np.moveaxis(u, 2, 0)])
+        _, dx = gradients(x, self.points)
+        weight = dx / dx.sum(axis=0)
+        s, nq, ne = H.shape[:3]
+        along = (np.sqrt(weight)[:, :, None, None] * H).transpose(3, 2, 1, 4, 0)
+        along = along.reshape(3, ne, nq * 3, s)
+        E = np.empty((ne, 6, s, s))
+        for row, (a, b) in enumerate(((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))):
+            both = np.matmul(along[a].transpose(0, 2, 1), along[b])
+            E[:, row] = 0.5 * (both if a == b else both + both.swapaxes(1, 2))
+        B = np.einsum("qe,eqid->eid", weight, self._strains(x, section, self.points))
+        return B, E, section.stiffness(), dx.sum(axis=0)
+
     def stress_layers(self, section: SolidSection) -> tuple[str, ...]:
         """One layer: the solid."""
         return ("solid",)

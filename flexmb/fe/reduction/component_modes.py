@@ -58,6 +58,7 @@ from flexmb.fe.reduction.inertia_relief import (
     with_residual_vectors,
 )
 from flexmb.fe.reduction.reduced_basis import (
+    FixedResponse,
     ReducedBasis,
     directions_of,
     interface_labels,
@@ -163,6 +164,7 @@ def craig_bampton(
         inertia,
         without,
         omitted,
+        fixed.solve,
     )
 
 
@@ -262,7 +264,7 @@ def free_interface(
         responses = np.concatenate([responses, further], axis=1)
     stiff, U = residual_vectors(fe, responses, V)
     progress("modes", 1.0)
-    modes, answers = (omega2, V), (inertia, without, omitted)
+    modes, answers = (omega2, V), (inertia, without, omitted, fixed.solve)
     return free_basis(
         fe, interfaces, directions, modes, (stiff, U), loads, answers, "attachment"
     )  # fmt: skip
@@ -275,13 +277,13 @@ def free_basis(
     modes: Modes,
     residual: Modes,
     loads: tuple[LoadPattern, ...],
-    answers: tuple[FloatArray, Modes | None, FloatArray],
+    answers: tuple[FloatArray, Modes | None, FloatArray, FixedResponse | None],
     kind: str,
 ) -> ReducedBasis:
     """The basis of the rigid motions, free modes and residual vectors of a given kind.
 
     `answers` are the static responses to inertia loads, the modes as they are without residual
-    vectors of inertia loads, and the omitted modes.
+    vectors of inertia loads, the omitted modes, and the static response with fixed interfaces.
     """
     R = fe.rigid[:, directions]
     basis = np.concatenate([R, modes[1], residual[1]], axis=1)

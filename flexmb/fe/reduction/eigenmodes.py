@@ -88,17 +88,19 @@ def lowest_modes(
         nonlocal done
         done += 1
         progress("modes", min(0.99, done / expected), f"{done} solves")
-        return solve(np.ravel(b))
+        return scale * solve(np.ravel(b))
 
     inverse = LinearOperator((n, n), matvec=counted, dtype=float)
     v0 = start_vector(n) if start is None else start
+    first = solve(M @ v0)  # ARPACK compares 1/omega^2 with a number of its own: make it about 1
+    scale = np.exp2(np.round(0.5 * np.log2((v0 @ (M @ v0)) / (first @ (M @ first)))))
     try:
         with blas_threads():
             omega2, V = eigsh(M, k=count, M=M, sigma=0.0, OPinv=inverse, v0=v0, tol=_TOLERANCE)
     except ArpackError as error:
         raise ReductionError(f"modes: the lowest {count} were not found ({error})") from error
     order = np.argsort(omega2)
-    omega2, V = omega2[order], V[:, order]
+    omega2, V = scale * omega2[order], V[:, order]
     _check(M, solve, omega2, V)
     return omega2, V
 
@@ -143,11 +145,8 @@ def start_vector(n: int) -> FloatArray:
     return np.random.default_rng(1).standard_normal(n)
 
 
-_EQUAL_FREQUENCIES = (
-    # relative gap of omega^2 below which frequencies are equal, so that mode directions are
-    # arbitrary
-    1e-6
-)
+# relative gap of omega^2 below which frequencies are equal, so that mode directions are arbitrary
+_EQUAL_FREQUENCIES = 1e-6
 _MAX_DEGREE = 3
 _WAVES = np.array(  # wave vectors without symmetry: they distinguish modes that no polynomial does
     [[1.7, 2.3, 3.1], [4.3, -2.9, 1.3], [-2.1, 5.3, 3.7], [7.1, 3.3, -4.7]]

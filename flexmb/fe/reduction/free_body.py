@@ -105,7 +105,7 @@ def free_modes(
         further = inertia_responses(fe, relief.fields(inertia), mirror)
         responses = np.concatenate([responses, further], axis=1)
     progress("modes", 1.0)
-    answers = inertia, without, omitted
+    answers = inertia, without, omitted, None
     vectors, kind = residual_vectors(fe, responses, V), residual_kind(loads, residual)
     return free_basis(fe, (), directions, (omega2, V), vectors, loads, answers, kind)
 

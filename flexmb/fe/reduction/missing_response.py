@@ -23,7 +23,6 @@ from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface
 from flexmb.fe.assembly.loads import condensed_load
 from flexmb.fe.reduction.eigenmodes import Modes, SymmetryPlane
-from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
 from flexmb.fe.reduction.free_body import relieved_inverse
 from flexmb.fe.reduction.inertia_relief import InertiaRelief, inertia_loads
 from flexmb.fe.reduction.reduced_basis import ReducedBasis, ReducedModes
@@ -137,7 +136,8 @@ def with_load_responses(
                 body, inertia_response=InertiaResponse(*missing_energy_forms(fe, X, modes))
             )
     elif loads:
-        solve = FixedInterfaceModel(fe, ends, basis.directions, progress).solve
+        assert basis.fixed_response is not None
+        solve = basis.fixed_response
     if loads:
         forms = missing_energy_forms(fe, solve(F), modes)
         if nodes:

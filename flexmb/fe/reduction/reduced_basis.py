@@ -9,6 +9,7 @@ rho N_a^T N_b Phi.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,8 @@ DIRECTIONS = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")
 SPATIAL = (0, 1, 2, 3, 4, 5)
 STATIC = ("constraint", "attachment")
 """Kinds of columns that are static responses to interfaces."""
+FixedResponse = Callable[[FloatArray], FloatArray]
+"""Static response (n, l) of the full model to loads (n, l), its interfaces fixed."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,6 +63,8 @@ class ReducedBasis:
         residual vectors of inertia loads, if the basis has such vectors.
     omitted : (n, o) float, optional
         The lowest of the modes that the basis omits.
+    fixed_response : FixedResponse, optional
+        With the interfaces fixed in all these directions.
     """
 
     basis: FloatArray
@@ -75,6 +80,7 @@ class ReducedBasis:
     inertia: FloatArray | None = None
     without: tuple[FloatArray, FloatArray] | None = None
     omitted: FloatArray | None = None
+    fixed_response: FixedResponse | None = None
 
     def columns(self, *kinds: str) -> FloatArray:
         """(k,) bool, which columns are of these kinds."""

@@ -346,7 +346,8 @@ class ValiditySpec(Spec):
     if a mode that was left out would vibrate, or without sensors of motion and reactions its share
     of the deformation; ``load_factor``: the loads over those that buckle the body;
     ``stiffening``: the change of the sensors on a slender body, over their range, by geometric
-    stiffening that it does not have, or without sensors the change of its deflection. A run warns
+    stiffening that it does not have, or without sensors the change of its deflection;
+    ``membrane_forces``: the same for plates and shells, by their membrane forces. A run warns
     before it stops. ``"any"`` removes a limit; that of ``speed`` with the one of ``stiffening``.
     """
 
@@ -358,6 +359,7 @@ class ValiditySpec(Spec):
     truncation: _Bound = 0.5
     load_factor: _Bound = 1.0
     stiffening: _Bound = 0.5
+    membrane_forces: _Bound = 0.5
 
 
 class GuessSpec(Spec):

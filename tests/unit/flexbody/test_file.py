@@ -16,6 +16,7 @@ from flexmb.fe import rectangle, reduce
 from flexmb.flexbody import (
     LoadPoint,
     LoadVector,
+    MembraneStiffness,
     SectionForceModes,
     ShellForceModes,
     StressModes,
@@ -57,9 +58,14 @@ def loaded():
     omitted = OmittedStress(**{name: rng.normal(size=shape) for name, shape in shapes.items()})
     pair = (push, replace(push, name="pull"))
     left_out = OmittedModes(np.array([100.0]), *(rng.normal(size=(1, n)) for n in (12, body.m, 6)))
-    return replace(
-        body, loads=pair, shell_forces=shells, omitted_stress=omitted, omitted_modes=left_out
+    quadratic = rng.normal(size=(3, 3))
+    membrane = MembraneStiffness(
+        rng.normal(size=(2, body.m)), rng.normal(size=(body.m, 3)), quadratic @ quadratic.T
     )
+    return replace(
+        body, loads=pair, shell_forces=shells, omitted_stress=omitted, omitted_modes=left_out,
+        membrane_stiffness=membrane,
+    )  # fmt: skip
 
 
 def plain():

@@ -1,0 +1,201 @@
+"""What membrane forces would change in plates and shells, which the equations leave out.
+
+A plate whose edges are held stretches as it bends, and a shell does so everywhere: its deflection
+then grows less than its load, or more. A row has the deformation η of linear elasticity. The
+deformation η' under the same load has η' + C g(η') = η, with the compliance C of the modes in the
+mechanism and the forces g of membrane stiffness. The difference is told over the deflection, and at
+the position sensors over their range. A body with geometric stiffening has the membrane forces of
+its loads, and of interfaces that joints hold; what is left are those within a single interface.
+Slender bodies, which bend as bars, have no membrane stiffness: `omitted_stiffening` is on these.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from scipy.optimize import brentq
+
+from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, one_blas_thread
+from flexmb.analysis.dynamics.joined_body import (
+    ModalCompliance,
+    body_length,
+    largest_sensor_change,
+    position_sensors,
+)
+from flexmb.analysis.dynamics.linear_elasticity import (
+    flexible_columns,
+    joined_frame,
+    largest_lengths,
+    relative_motion,
+)
+from flexmb.analysis.monitors import Indicator, percent
+from flexmb.engine.compile import Compiled
+from flexmb.engine.tables import BodyColumns
+from flexmb.flexbody import FlexBody, MembraneStiffness
+from flexmb.flexbody.arrays import Array
+from flexmb.flexbody.static_response import LEAST_MOTION
+from flexmb.model.model import Model
+from flexmb.results.output_block import OutputBlock
+
+#: Change over the deflection of the body, and of a sensor over its range, from which a run says so.
+LARGEST_CHANGE, LARGEST_SENSOR_CHANGE = 0.1, 0.01
+_VISIBLE = 1e-3  # change of a sensor below which that of the deflection does not matter
+_CURED = 0.2  # share of the change that geometric stiffening may leave, if it is the cure
+_QUANTITY = "membrane_forces"
+_GROWTH = 1.05  # of the estimate by energies of a row, from which on the change is computed again
+
+
+@dataclass(frozen=True, eq=False)
+class _Plate:
+    """A body with membrane stiffness."""
+
+    columns: BodyColumns
+    body: FlexBody
+    stiffness: MembraneStiffness
+    beside: MembraneStiffness  # what of it geometric stiffening has not
+    points: Array  # (3 k, m) displacements relative to the joints, over the length
+    sensors: tuple[tuple[Array, Array], ...]  # channels; (3 k, m) motion of their markers
+
+
+class OmittedMembraneStiffnessMonitor:
+    """Estimates what omitted membrane stiffness would change in plates and shells.
+
+    Parameters
+    ----------
+    compiled, model : Compiled, Model
+        The model.
+    """
+
+    def __init__(self, compiled: Compiled, model: Model) -> None:
+        self._units = model.units
+        self._plates = list(_plates(compiled, model))
+        if compiled.layout.nv > MAX_COORDINATES:
+            self._plates = []
+        n, most = len(self._plates), max((one.columns.m for one in self._plates), default=0)
+        self._mechanism = ModalCompliance(compiled) if n else None
+        self._deflection = np.zeros(n)  # largest so far, over the length
+        self._about = np.zeros(n)  # estimate by energies of the row of the largest change
+        # change, over the length, negative if it deflects less; time; deflection there, and that up
+        # to which the change is small; change that geometric stiffening would leave
+        self._largest = np.zeros((5, n))
+        self._change = np.zeros((n, most))  # of the modes, in that row
+        self._snaps = np.full(n, np.nan)  # time at which the body snaps through
+        self._least, self._most = np.array(np.inf), np.array(-np.inf)  # range of all channels
+
+    @one_blas_thread()
+    def add(self, rows: OutputBlock) -> None:
+        """Add the next rows."""
+        if not self._plates or not len(rows.t):
+            return
+        if rows.sensors.shape[1]:
+            self._least = np.minimum(self._least, rows.sensors.min(axis=0))
+            self._most = np.maximum(self._most, rows.sensors.max(axis=0))
+        for k, one in enumerate(self._plates):
+            first = one.columns.iq + 7
+            eta = rows.q[:, first : first + one.columns.m]
+            deflection = largest_lengths(eta, one.points)
+            self._deflection[k] = max(self._deflection[k], deflection.max())
+            linear = 0.5 * np.einsum("ti,ij,tj->t", eta, one.body.K, eta)
+            share = np.abs(one.stiffness.energy(eta)) / linear.clip(np.finfo(float).tiny)
+            about = np.minimum(share, 1.0) * deflection
+            row = int(about.argmax())
+            if about[row] > _GROWTH * self._about[k]:
+                self._about[k] = about[row]
+                self._solve(k, rows, row, eta[row], deflection[row])
+
+    def _solve(self, k: int, rows: OutputBlock, row: int, eta: Array, deflection: float) -> None:
+        """Compute the change of one row, in its pose, and keep it if it is the largest."""
+        assert self._mechanism is not None
+        one = self._plates[k]
+        compliance = self._mechanism.of(rows.q[row], [one.columns.name])[0]
+        balanced = one.stiffness.equilibrium(eta, compliance)
+        if balanced is None:
+            self._snaps[k] = np.fmin(self._snaps[k], rows.t[row])
+            return
+        moved, after = largest_lengths(np.array([balanced - eta, balanced]), one.points)
+        if moved > abs(self._largest[0, k]):
+            small = deflection * _small_load(one, eta, compliance)
+            stiffened = one.beside.equilibrium(eta, compliance)
+            rest = eta if stiffened is None else stiffened - eta
+            left = float(largest_lengths(rest[None], one.points)[0])
+            signed = moved if after > deflection else -moved
+            self._largest[:, k] = signed, rows.t[row], deflection, small, left
+            self._change[k, : one.columns.m] = balanced - eta
+
+    def indicators(self) -> Iterator[Indicator]:
+        """The change of each body: at its sensors, or else over its deflection."""
+        for k, one in enumerate(self._plates):
+            moved, t, deflection, small, left = self._largest[:, k]
+            if abs(moved) <= LEAST_MOTION:
+                continue
+            share = abs(moved) / self._deflection[k]
+            change, ranges = self._change[k, : one.columns.m], self._most - self._least
+            seen = largest_sensor_change(one.body, one.sensors, ranges, change)
+            value, level = share, LARGEST_CHANGE
+            if seen is not None and (seen > LARGEST_SENSOR_CHANGE or seen < _VISIBLE):
+                value, level = seen, LARGEST_SENSOR_CHANGE
+            verb = "reduce" if moved < 0.0 else "increase"
+            cured = one.body.centrifugal_stiffness is None and left < _CURED * abs(moved)
+            limit = None if cured else small
+            text = partial(self._sentence, one, verb, (share, seen), t, (deflection, limit))
+            bound = share if seen is None else min(share, seen)
+            yield Indicator(one.columns.name, _QUANTITY, value, t, level, text, bound)
+        for k, t in enumerate(self._snaps):
+            if not np.isnan(t):
+                text = partial(self._snapped, self._plates[k].columns.name, t)
+                yield Indicator(self._plates[k].columns.name, _QUANTITY, 1.0, t, 0.0, text)
+
+    def _sentence(
+        self,
+        one: _Plate,
+        verb: str,
+        shares: tuple[float, float | None],
+        t: float,
+        deflections: tuple[float, float | None],
+    ) -> str:
+        length, (deflection, small) = body_length(one.body), deflections
+        sensors, cure = "", 'reduce it with geometric_stiffening = "full"'
+        if shares[1]:
+            sensors = f", and change a sensor by {percent(shares[1])} of its range"
+        if small is not None:
+            cure = "no effect has them: the change is less than 1 % up to a deflection of about "
+            cure += self._units.say(small * length, "m", 2)
+        return (
+            f"bodies.{one.columns.name}: membrane forces are left out, which would {verb} its "
+            f"deflection by about {percent(shares[0])}{sensors} (t = {self._units.say(t, 's', 4)}: "
+            f"deflection {self._units.say(deflection * length, 'm', 2)}); {cure}"
+        )
+
+    def _snapped(self, name: str, t: float) -> str:
+        return (
+            f"bodies.{name}: membrane forces are left out, with which it would snap through at "
+            f"t = {self._units.say(t, 's', 4)} or before: its deflection is that of linear "
+            "elasticity"
+        )
+
+
+def _small_load(one: _Plate, eta: Array, compliance: Array) -> float:
+    """Share of the load of a row up to which the change is below that of sensors which is told."""
+
+    def excess(load: float) -> float:
+        change = compliance @ one.stiffness.forces(load * eta)[0]
+        moved, deflection = largest_lengths(np.array([change, load * eta]), one.points)
+        return float(moved / deflection) - LARGEST_SENSOR_CHANGE
+
+    return 1.0 if excess(1.0) < 0.0 else float(brentq(excess, 1e-6, 1.0, rtol=1e-3))
+
+
+def _plates(compiled: Compiled, model: Model) -> Iterator[_Plate]:
+    """The bodies with membrane stiffness."""
+    for columns, body in flexible_columns(compiled):
+        stiffness = body.membrane_stiffness
+        if stiffness is not None and body.nodes is not None:
+            beside = stiffness.beside_geometric_stiffness(body.K)
+            if body.centrifugal_stiffness is not None:
+                stiffness = beside
+            points = relative_motion(body, joined_frame(body, columns.name, model))[0]
+            sensors = tuple(position_sensors(compiled, model, columns, body))
+            yield _Plate(columns, body, stiffness, beside, points, sensors)

@@ -1,0 +1,301 @@
+"""Plates that stretch as they bend: what runs tell of it, against plates with large deflections.
+
+Truths: a clamped square under pressure (Levy, Square plate with clamped edges under normal pressure
+producing large deflections, NACA TN 847, 1942, nu = 0.316, edges that do not move); a strip between
+clamped edges, as a beam with the tension of its own bow (Timoshenko & Woinowsky-Krieger, Theory of
+Plates and Shells, §4); a clamped circle by von Karman's equations (the same, §100).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.integrate import solve_bvp
+from scipy.optimize import brentq
+from typer.testing import CliRunner
+
+import flexmb
+from flexmb import Model
+from flexmb.cli import app
+from flexmb.fe.meshes.mesh_shapes import mesh_from
+from flexmb.flexbody import load, save
+from flexmb.flexbody.effects import frame_at_interface, rigid_twin
+from flexmb.flexbody.planar_body import combine_modes
+
+E, H = 70e9, 0.002
+LEFT_OUT = "membrane forces are left out"
+LEVY = {38.3: 0.471, 95.0: 0.912, 184.0: 1.323}  # q a^4/(E h^4): deflection over the thickness
+
+
+def square(kind, size=1.0):
+    """A square plate, its edge, and where its middle is."""
+    if kind == "hexahedron27":
+        mesh = {"type": "box", "size": [size, size, size * H], "divisions": [12, 12, 1]}
+        x, y, _ = mesh_from({**mesh, "elements": kind}, "mesh").points.T
+        nodes = np.flatnonzero(np.isin(x, [0, size]) | (np.abs(y) > 0.4999 * size))
+        return {**mesh, "elements": kind}, {"nodes": nodes.tolist()}
+    return {
+        "type": "plate", "length": size, "width": size, "divisions": [16, 16], "elements": kind
+    }, "edges"  # fmt: skip
+
+
+def plate(mesh, interfaces, nu=0.316, size=1.0, **options):
+    solid = mesh["type"] == "box"
+    top, section = "z1" if solid else "surface", {"type": "shell", "thickness": H * size}
+    return flexmb.reduce(
+        mesh, material={"E": E, "nu": nu, "density": 2700},
+        sections=None if solid else {"surface": section}, interfaces=interfaces, modes=10,
+        loads={"wind": {"type": "pressure", "group": top, "pressure": 1.0}}, name="plate",
+        **options,
+    )  # fmt: skip
+
+
+def loaded(body, pressure, joints, place=0.0, middle=(0.5, 0, 0)):
+    """Equilibria under a growing pressure: the run, and the deflection of its middle."""
+    model = Model("plate")
+    model.add_body("plate", body, position=[place, 0, 0])
+    for name, (joint, more) in joints.items():
+        position = body.interface(name).position + [place, 0, 0]
+        model.add_marker(f"ground.{name}", position=position)
+        model.add_joint(name, joint, between=[f"ground.{name}", f"plate.{name}"], **more)
+    model.add_force("wind", "body-load", body="plate", load="wind", value=f"{pressure}*t")
+    near = np.linalg.norm(body.nodes.position - middle, axis=1).argmin()
+    model.add_marker("plate.middle", node=int(body.nodes.ids[near]))
+    model.add_sensor("middle", "position", of="plate.middle")
+    result = flexmb.statics(model, duration=1.0, outputs=2)
+    return result, float(np.ptp(result["middle.z"]))
+
+
+def told(result):
+    """Change of the deflection that a run tells, and the cure."""
+    notes = [note for note in result.notes if LEFT_OUT in note]
+    if not notes:
+        return None
+    (note,) = notes
+    words = note.split("reduce its deflection by about ")[1]
+    return float(words.split(" %")[0]) / 100, note.rpartition("; ")[2]
+
+
+FIXED = ("fixed", {})
+
+
+@pytest.mark.parametrize("kind", ["quad", "triangle", "hexahedron27"])
+@pytest.mark.parametrize("load", LEVY)
+def test_a_clamped_square_deflects_less_by_what_is_told(kind, load):
+    mesh, edge = square(kind)
+    pressure = load * E * H**4
+    result, linear = loaded(plate(mesh, {"rim": edge}), pressure, {"rim": FIXED})
+    assert linear == pytest.approx(0.00126532 * pressure * 12 * (1 - 0.316**2) / (E * H**3), 0.045)
+    # w + c w^3 is proportional to the load; solids are 4 % too stiff here
+    thin, w = 0.00126532 * load * 12 * (1 - 0.316**2), LEVY[load]
+    exact = brentq(lambda x: x + (thin - w) / w**3 * x**3 - linear / H, 0, 3)
+    assert told(result)[0] == pytest.approx(1 - exact * H / linear, rel=0.1)
+
+
+def circle(pressure, nu):
+    """Deflection over the thickness of a clamped circle of radius 1, von Karman's equations."""
+    D, C = E * H**3 / (12 * (1 - nu**2)), E * H / (1 - nu**2)
+
+    def slopes(r, y):  # u, N_r, w, w', w''
+        u, N, _, phi, bent = y
+        N_around = nu * N + (1 - nu**2) * C * u / r
+        stretch = N / C - nu * u / r - 0.5 * phi**2
+        curvature = N * phi / D + 0.5 * pressure * r / D - bent / r + phi / r**2
+        return np.array([stretch, (N_around - N) / r, phi, bent, curvature])
+
+    def ends(a, b):
+        return np.array([a[0], a[3], b[0], b[2], b[3]])
+
+    r = np.linspace(1e-4, 1, 200)
+    small = pressure / (64 * D) * np.array([0 * r, 0 * r, (1 - r**2) ** 2,
+                                            -4 * r * (1 - r**2), -4 + 12 * r**2])  # fmt: skip
+    solution = solve_bvp(slopes, ends, r, small, tol=1e-6, max_nodes=20000)
+    assert solution.success
+    return abs(solution.y[2][0]) / H
+
+
+@pytest.mark.parametrize("linear", [0.3, 0.7, 1.2])
+def test_a_clamped_circle_deflects_less_by_what_is_told(linear):
+    mesh = {"type": "disk", "radius": 1.0, "divisions": [16, 48]}
+    body = plate(mesh, {"rim": "outer"}, nu=0.3)
+    pressure = linear * E * (16 / 3) / (1 - 0.3**2) * H**4
+    result, deflection = loaded(body, pressure, {"rim": FIXED}, middle=(0, 0, 0))
+    assert deflection == pytest.approx(linear * H, 0.02)
+    exact = circle(pressure, 0.3)
+    assert told(result)[0] == pytest.approx(1 - exact / linear, rel=0.05, abs=0.002)
+
+
+def tense_strip(pressure, length, thickness):
+    """Deflection of a clamped strip, nu = 0, with and without the tension of its own bow."""
+    EI, EA, x = E * thickness**3 / 12, E * thickness, np.linspace(0, length, 4001)
+
+    def bow(T):
+        k = np.sqrt(T / EI)
+        ends = [
+            [1, 0, 1, 0], [0, 1, 0, k], [1, length, np.cosh(k * length), np.sinh(k * length)],
+            [0, 1, k * np.sinh(k * length), k * np.cosh(k * length)],
+        ]  # fmt: skip
+        c = np.linalg.solve(ends, [0, 0, pressure * length**2 / (2 * T), pressure * length / T])
+        curved = c[2] * np.cosh(k * x) + c[3] * np.sinh(k * x)
+        return c[0] + c[1] * x + curved - pressure * x**2 / (2 * T)
+
+    def excess(T):
+        slope = np.gradient(bow(T), x, edge_order=2)
+        return T * length / EA - 0.5 * np.trapezoid(slope**2, x)
+
+    T = brentq(excess, 1e-2 * EI / length**2, 900 * EI / length**2)
+    return bow(T).max(), pressure * length**4 / (384 * EI)
+
+
+STRIP = {"type": "plate", "length": 1.0, "width": 0.8, "divisions": [16, 12]}
+
+
+@pytest.mark.parametrize(("size", "place"), [(1.0, 0.0), (1.0, 1000.0), (1e-6, 0.0), (1e3, 0.0)])
+def test_a_strip_between_clamped_edges_deflects_less_by_what_is_told(size, place):
+    mesh = {**STRIP, "length": size, "width": 0.8 * size}
+    body = plate(mesh, {"a": "x0", "b": "x1"}, nu=0.0, size=size)
+    pressure = 20 * E * H**4
+    joints = {"a": FIXED, "b": FIXED}
+    result, linear = loaded(body, pressure, joints, place * size, (0.5 * size, 0, 0))
+    exact, straight = tense_strip(pressure, size, H * size)
+    assert linear == pytest.approx(straight, 0.01)
+    change, cure = told(result)
+    assert change == pytest.approx(1 - exact / straight, abs=0.008)
+    assert cure == 'reduce it with geometric_stiffening = "full"'
+
+
+def test_geometric_stiffening_has_the_forces_between_interfaces():
+    pressure, joints = 20 * E * H**4, {"a": FIXED, "b": FIXED}
+    body = plate(STRIP, {"a": "x0", "b": "x1"}, nu=0.0, geometric_stiffening="full")
+    result, deflection = loaded(body, pressure, joints)
+    assert deflection == pytest.approx(tense_strip(pressure, 1.0, H)[0], 1e-3)
+    assert told(result) is None
+
+
+def test_geometric_stiffening_has_no_forces_within_one_interface():
+    mesh, edge = square("quad")
+    body = plate(mesh, {"rim": edge}, geometric_stiffening="full")
+    result, linear = loaded(body, 38.3 * E * H**4, {"rim": FIXED})
+    change, cure = told(result)
+    assert change == pytest.approx(1 - LEVY[38.3] * H / linear, rel=0.1)
+    small = float(cure.removesuffix(" m").rpartition(" ")[2])
+    # w + c w^3 is proportional to the load
+    assert 0.01 / (linear / H / LEVY[38.3] ** 3 - 1 / LEVY[38.3] ** 2) == pytest.approx(
+        (small / H) ** 2, rel=0.1
+    )
+
+
+def test_a_plate_that_turns_without_stiffening_is_told_to_lack_membrane_forces():
+    """A square plate clamped along an edge and pushed at a corner, at the unit of its speed."""
+    unit = 0.01 * np.sqrt(70e9 / (12 * 2700 * (1 - 0.3**2)))
+    changes = {}
+    for stiffening in ("none", "full"):
+        body = flexmb.reduce(
+            {"type": "plate", "length": 1.0, "width": 1.0, "divisions": [8, 8]},
+            material={"E": 70e9, "nu": 0.3, "density": 2700}, modes=10,
+            sections={"surface": {"type": "shell", "thickness": 0.01}},
+            interfaces={"root": "x0", "corner": "x1y1"}, residual="inertia",
+            geometric_stiffening=stiffening,
+        )  # fmt: skip
+        model = Model("plate")
+        model.add_body("plate", body)
+        model.add_joint("axis", "revolute", between=["ground", "plate.root"], axis="z")
+        model.add_driver("motor", joint="axis", angle=f"{2 * unit}*t")
+        push = [0, 0, "20*step5(t, 0, 0, 0.4, 1)"]
+        model.add_force("push", "force", at="plate.corner", value=push)
+        seen_from = {"relative_to": "plate.root", "axes": "plate.root"}
+        model.add_sensor("corner", "position", of="plate.corner", **seen_from)
+        result = flexmb.simulate(model, duration=0.5, accuracy=1e-4, verify=False)
+        changes[stiffening] = result["corner.z"][-1], told(result)
+    (soft, (change, cure)), (stiff, none) = changes.values()
+    assert none is None
+    assert 0.5 < change / (1 - stiff / soft) < 2  # its frame turns, and with it the loads
+    assert "geometric_stiffening" in cure
+
+
+RELEASED = {
+    "prismatic": {"a": FIXED, "b": ("prismatic", {"axis": "x"})},
+    "in-line": {"a": FIXED, "b": ("in-line", {"axis": "x"})},
+    "free": {"a": FIXED},
+}
+
+
+@pytest.mark.parametrize("joints", RELEASED.values(), ids=RELEASED)
+def test_a_plate_that_may_shorten_is_not_told_to_stretch(joints):
+    mesh = {"type": "plate", "length": 1.0, "width": 0.8, "divisions": [16, 12]}
+    body = plate(mesh, {"a": "x0", "b": "x1"}, nu=0.0)  # nothing bends across
+    result, deflection = loaded(body, 20 * E * H**4 / (20 if len(joints) == 1 else 1), joints)
+    assert deflection > 0.49 * H
+    assert told(result) is None
+
+
+@pytest.mark.parametrize("size", [1.0, 1e-3])
+def test_forces_are_the_derivatives_of_the_energy_in_every_frame(size):
+    mesh, edge = square("quad", size)
+    body = plate(mesh, {"rim": edge}, size=size)
+    stiffness, rng = body.membrane_stiffness, np.random.default_rng(3)
+    eta = rng.standard_normal(body.m) * 1e-3 / np.sqrt(np.diag(body.K))
+    steps = 1e-5 / np.sqrt(np.diag(body.K)) * np.eye(body.m) * 1e-3
+    forces, tangent = stiffness.forces(eta)
+    slopes = [stiffness.energy(eta + d) - stiffness.energy(eta - d) for d in steps]
+    assert np.array(slopes) / (2 * steps.max(axis=1)) == pytest.approx(
+        forces, abs=1e-6 * np.abs(forces).max()
+    )
+    curvatures = [stiffness.forces(eta + d)[0] - stiffness.forces(eta - d)[0] for d in steps]
+    assert np.array(curvatures) / (2 * steps.max(axis=1))[:, None] == pytest.approx(
+        tangent, abs=1e-6 * np.abs(tangent).max()
+    )
+    other = frame_at_interface(body, "rim").membrane_stiffness
+    assert other.energy(eta) == pytest.approx(float(stiffness.energy(eta)), rel=1e-12)
+    Z = rng.standard_normal((body.m, 4))
+    some = combine_modes(body, Z).membrane_stiffness
+    assert some.energy(eta[:4]) == pytest.approx(float(stiffness.energy(Z @ eta[:4])), rel=1e-9)
+    assert rigid_twin(body).membrane_stiffness is None
+
+
+def test_a_body_file_keeps_the_membrane_stiffness(tmp_path):
+    mesh, edge = square("quad")
+    body = plate(mesh, {"rim": edge})
+    save(body, tmp_path / "plate.flexbody.h5")
+    stored = load(tmp_path / "plate.flexbody.h5").membrane_stiffness
+    for name in ("shapes", "linear", "quadratic"):
+        assert np.array_equal(getattr(stored, name), getattr(body.membrane_stiffness, name))
+
+
+def test_bars_and_compact_bodies_have_no_membrane_stiffness():
+    bar = {"type": "plate", "length": 1.0, "width": 0.1, "divisions": [20, 2]}
+    assert plate(bar, {"a": "x0", "b": "x1"}).membrane_stiffness is None
+    block = {"type": "box", "size": [1, 1, 0.5], "divisions": [3, 3, 2]}
+    assert plate(block, {"a": "x0", "b": "x1"}).membrane_stiffness is None
+
+
+CANTILEVER = """
+title = "A long cantilever"
+gravity = [0, 0, "-g"]
+parameters = { g = 100 }
+[bodies.beam]
+mesh = { type = "beam", length = 2, divisions = 10 }
+material = { E = 210e9, nu = 0.3, density = 7850 }
+sections = { leg1 = { type = "rectangle", y = 0.01, z = 0.01 } }
+interfaces = { a = "start", b = "end" }
+modes = 4
+[joints.root]
+type = "fixed"
+between = ["ground", "beam.a"]
+[sensors.tip]
+type = "position"
+of = "beam.b"
+"""
+
+
+def test_equilibria_tell_which_limits_they_exceed(tmp_path):
+    """`flexmb statics`: w q L^4/(8 EI), 1.1 of the length of the beam."""
+    scene = tmp_path / "beam.toml"
+    scene.write_text(CANTILEVER)
+    shown = CliRunner().invoke(app, ["statics", str(scene), "--starts", "1"]).output
+    note = " ".join(shown.split()).partition("note: equilibrium 1: bodies.beam is deflected by ")[2]
+    exact = 7850 * 1e-4 * 100 * 2**4 / (8 * 210e9 * 0.01**4 / 12) / 2
+    assert float(note.split()[0]) == pytest.approx(exact, rel=0.06)
+    shown = CliRunner().invoke(app, ["statics", str(scene), "--vary", "g=0..40:5"]).output
+    assert "note: g = 30: bodies.beam is deflected by 0.13" in " ".join(shown.split())
+    assert shown.count("is deflected") == 1
