@@ -226,7 +226,7 @@ def audit_until(
     progress("audit", 1.0)
     monitor = ValidityMonitor(neighbours.compiled, neighbours.model, neighbours.motion.q[0])
     monitor.add(neighbours.rows())
-    effects += _basis(neighbours, monitor)
+    effects += [*_membrane_forces(monitor, budget), *_basis(neighbours, monitor)]
     notes = (*neighbours.notes, *monitor.notes())
     made = Audit(run.title, budget, tuple(effects), notes, time.perf_counter() - began)
     store_text(run.path, TEXT, made.text())
@@ -286,6 +286,19 @@ def _verdict(on: bool, share: float, budget: float) -> str:
     if on:
         return NEEDED if share > _WASTED_SHARE * budget else WASTED
     return MISSING if share > budget else SMALL
+
+
+def _membrane_forces(monitor: ValidityMonitor, budget: float) -> Iterator[EffectOutcome]:
+    """What the membrane forces of plates and shells, which are left out, would contribute."""
+    from flexmb.analysis.dynamics.omitted_membrane_stiffness import LARGEST_SENSOR_CHANGE
+
+    for one in monitor.indicators():
+        if one.quantity == "membrane_forces":
+            seen = one.warning == LARGEST_SENSOR_CHANGE  # else the change of the deflection
+            verdict = _verdict(False, one.value, budget if seen else one.warning)
+            yield EffectOutcome(
+                "membrane forces", one.body, False, "", one.value, "", "", None, verdict
+            )
 
 
 def _basis(neighbours: ModelVariants, monitor: ValidityMonitor) -> Iterator[EffectOutcome]:

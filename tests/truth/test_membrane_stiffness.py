@@ -342,6 +342,25 @@ def test_bars_and_compact_bodies_have_no_membrane_stiffness():
     assert plate(block, {"a": "x0", "b": "x1"}).membrane_stiffness is None
 
 
+@pytest.mark.parametrize(("stiffening", "verdict"), [("none", "missing"), ("full", "")])
+def test_an_audit_has_a_row_for_membrane_forces(tmp_path, stiffening, verdict):
+    coarse = {**STRIP, "divisions": [8, 6]}
+    body = plate(coarse, {"a": "x0", "b": "x1"}, nu=0.0, geometric_stiffening=stiffening)
+    model = Model("plate", gravity=[0, 0, -20 * E * H**3 / 2700])
+    model.add_body("plate", body)
+    for name, place in (("a", 0), ("b", 1)):
+        model.add_marker(f"ground.{name}", position=[place, 0, 0])
+        model.add_joint(name, "fixed", between=[f"ground.{name}", f"plate.{name}"])
+    model.add_marker("plate.middle", node=int(body.nodes.ids[len(body.nodes.ids) // 2]))
+    model.add_sensor("middle", "position", of="plate.middle")
+    result = flexmb.simulate(
+        model, duration=0.03, accuracy=1e-3, verify=False, outputs=20, output=tmp_path
+    )
+    rows = [one for one in flexmb.audit(result).effects if one.effect == "membrane forces"]
+    assert [one.verdict for one in rows if one.share > 1e-3] == [verdict][: len(verdict)]
+    assert [one.share > 0.1 for one in rows if one.share > 1e-3] == [True][: len(verdict)]
+
+
 CANTILEVER = """
 title = "A long cantilever"
 gravity = [0, 0, "-g"]
