@@ -342,7 +342,7 @@ def test_bars_and_compact_bodies_have_no_membrane_stiffness():
     assert plate(block, {"a": "x0", "b": "x1"}).membrane_stiffness is None
 
 
-@pytest.mark.parametrize(("stiffening", "verdict"), [("none", "missing"), ("full", "")])
+@pytest.mark.parametrize(("stiffening", "verdict"), [("none", "missing"), ("full", "may stay off")])
 def test_an_audit_has_a_row_for_membrane_forces(tmp_path, stiffening, verdict):
     coarse = {**STRIP, "divisions": [8, 6]}
     body = plate(coarse, {"a": "x0", "b": "x1"}, nu=0.0, geometric_stiffening=stiffening)
@@ -356,9 +356,9 @@ def test_an_audit_has_a_row_for_membrane_forces(tmp_path, stiffening, verdict):
     result = flexmb.simulate(
         model, duration=0.03, accuracy=1e-3, verify=False, outputs=20, output=tmp_path
     )
-    rows = [one for one in flexmb.audit(result).effects if one.effect == "membrane forces"]
-    assert [one.verdict for one in rows if one.share > 1e-3] == [verdict][: len(verdict)]
-    assert [one.share > 0.1 for one in rows if one.share > 1e-3] == [True][: len(verdict)]
+    (row,) = [one for one in flexmb.audit(result).effects if one.effect == "membrane forces"]
+    assert row.verdict == verdict
+    assert (row.share > 0.1) == (stiffening == "none")
 
 
 CANTILEVER = """
