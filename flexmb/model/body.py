@@ -148,7 +148,7 @@ class ExtrusionShape(ShapeSpec):
     axis: Literal["x", "y", "z"] = "z"
 
     @model_validator(mode="after")
-    def _is_a_polygon(self) -> Self:
+    def _check_outline(self) -> Self:
         points = np.array(self.outline, dtype=float).reshape(-1, 2)
         if len(points) < 3:
             raise fail(Problem("outline", f"needs 3 points at least, given {len(points)}"))
@@ -189,7 +189,7 @@ class MeshShape(ShapeSpec):
     _faces: NDArray[np.int64] = PrivateAttr()
 
     @model_validator(mode="after")
-    def _read_it(self, info: ValidationInfo) -> Self:
+    def _read_surface(self, info: ValidationInfo) -> Self:
         word = only_one(self, "file", "data")
         context = context_of(info)
         try:
@@ -322,7 +322,7 @@ class InitialVelocity(Spec):
     axes: Literal["global", "body"] = "global"
 
     @model_validator(mode="after")
-    def _says_something(self) -> Self:
+    def _check_velocities(self) -> Self:
         if self.velocity is None and self.angular_velocity is None:
             raise fail(Problem("", 'give "velocity", "angular_velocity" or both'))
         return self

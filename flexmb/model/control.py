@@ -87,7 +87,7 @@ class StateSpec(Spec):
     scale: _Scale | None = None
 
     @model_validator(mode="after")
-    def _a_number(self) -> Self:
+    def _check_start(self) -> Self:
         if self.start is not None and self.start.constant is None:
             raise fail(Problem("start", "is a number, no function of time"))
         return self
@@ -140,7 +140,7 @@ class PidSpec(ControllerSpec):
     tracking: Time | None = None
 
     @model_validator(mode="after")
-    def _words_fit(self) -> Self:
+    def _check_gains(self) -> Self:
         problems = []
         if self.kp == 0 and self.ki == 0 and self.kd == 0:
             problems.append(Problem("", "needs kp, ki or kd"))
@@ -213,7 +213,7 @@ class TransferFunctionSpec(ControllerSpec):
     denominator: _Coefficients
 
     @model_validator(mode="after")
-    def _proper(self) -> Self:
+    def _check_degrees(self) -> Self:
         b, a = self.polynomials
         if len(a) == 0:
             raise fail(Problem("denominator", "is zero"))

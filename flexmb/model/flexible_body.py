@@ -54,7 +54,7 @@ class DeformationSpec(Spec):
     band: tuple[_Frequency, _Frequency] | None = None
 
     @model_validator(mode="after")
-    def _fits(self) -> Self:
+    def _check_selection(self) -> Self:
         only_one(self, "dynamic", "quasi_static", "band")
         if self.band is not None and not self.band[0] < self.band[1]:
             raise fail(Problem("band", "must be two frequencies, the lower one first"))

@@ -305,7 +305,7 @@ class MarkerSpec(Spec):
     interface: Text | None = None
 
     @model_validator(mode="after")
-    def _one_carrier(self) -> Self:
+    def _check_carrier(self) -> Self:
         if self.node is not None and self.interface is not None:
             raise fail(Problem("", 'give "node" or "interface", not both'))
         return self

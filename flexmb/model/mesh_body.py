@@ -210,7 +210,7 @@ class MeshBodySpec(FlexibleBodySpec):
     refine: Annotated[int, Integer(0)] = 0
 
     @model_validator(mode="after")
-    def _fits(self) -> Self:
+    def _check_options(self) -> Self:
         problems = []
         if isinstance(self.mesh, Spec) and "units" in self.model_fields_set:
             what = "are those of mesh files; the sizes of a shape are in the scene's units"

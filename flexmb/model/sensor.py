@@ -48,7 +48,7 @@ class MarkerSensorSpec(SensorSpec):
     seen_from: Text | None = None
 
     @model_validator(mode="after")
-    def _one_observer(self) -> Self:
+    def _check_observer(self) -> Self:
         if self.seen_from is not None and (self.relative_to is not None or self.axes != "global"):
             what = "is an observer with axes of its own; leave relative_to and axes out"
             raise fail(Problem("seen_from", what))
@@ -93,7 +93,7 @@ class JointSensorSpec(SensorSpec):
     derivative: Literal[0, 1, 2] = 0
 
     @model_validator(mode="after")
-    def _joint_or_markers(self) -> Self:
+    def _check_markers(self) -> Self:
         if (self.joint is None) == (self.between is None):
             raise fail(Problem("", 'give either "joint" or "between" (with "axis")'))
         if self.joint is not None and self.axis is not None:
@@ -116,7 +116,7 @@ class AngleSensorSpec(JointSensorSpec):
     type: Literal["angle", "second_angle"]
 
     @model_validator(mode="after")
-    def _second_of_a_joint(self) -> Self:
+    def _check_joint(self) -> Self:
         if self.type == "second_angle" and self.joint is None:
             raise fail(Problem("joint", "is missing: only joints have a second angle"))
         return self
@@ -180,7 +180,7 @@ class ReactionSensorSpec(SensorSpec):
     axes: Text = "joint"
 
     @model_validator(mode="after")
-    def _one_of_four(self) -> Self:
+    def _check_source(self) -> Self:
         only_one(self, "joint", "driver", "force", "coupler")
         return self
 
@@ -224,7 +224,7 @@ class EnergySensorSpec(SensorSpec):
     body: Text | None = None
 
     @model_validator(mode="after")
-    def _of_a_body(self) -> Self:
+    def _check_body(self) -> Self:
         if self.body is not None and self.quantity in ("spring", "total"):
             allowed = ("kinetic", "strain", "gravity")
             raise fail(Problem("quantity", "is not that of one body", allowed))

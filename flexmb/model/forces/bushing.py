@@ -134,7 +134,7 @@ class BushingSpec(Component):
     free: Literal["placed", "together"] = "placed"
 
     @model_validator(mode="after")
-    def _once(self) -> Self:
+    def _check_matrices(self) -> Self:
         pairs = (("matrix", "stiffness"), ("damping_matrix", "damping"))
         problems = [
             Problem(word, f'is in "{whole}" already; give one of them')
@@ -185,7 +185,7 @@ class BeamForceSpec(Component):
     damping: Annotated[float, Quantity("s", "not negative")] = 0.0
 
     @model_validator(mode="after")
-    def _has_moduli(self) -> Self:
+    def _check_moduli(self) -> Self:
         problems = []
         if (self.material is None) == (self.E is None and self.G is None):
             problems.append(Problem("", "give either material, or E and G"))

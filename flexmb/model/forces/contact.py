@@ -86,7 +86,7 @@ class PointsSide(Spec):
     group: Text | None = None
 
     @model_validator(mode="after")
-    def _one_of_them(self) -> Self:
+    def _check_selection(self) -> Self:
         word = only_one(self, "points", "nodes", "group")
         if not getattr(self, word):
             raise fail(Problem(word, "is an empty list"))
@@ -133,7 +133,7 @@ class ContactSpec(Component):
     friction: Friction | None = None
 
     @model_validator(mode="after")
-    def _words_fit(self) -> Self:
+    def _check_options(self) -> Self:
         problems = [*self._pair_problems(), *self._stiffness_problems()]
         if self.restitution == 0 and self.damping != "lankarani-nikravesh":
             what = f'"{self.damping}" damping of no rebound at all is infinite'

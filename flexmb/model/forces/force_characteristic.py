@@ -196,7 +196,7 @@ class AnyStop(Component):
     depth: float | None = None
 
     @model_validator(mode="after")
-    def _bounds(self) -> Self:
+    def _check_bounds(self) -> Self:
         problems = []
         if self.lower is None and self.upper is None:
             problems.append(Problem("", 'needs "lower", "upper" or both'))
@@ -241,7 +241,7 @@ class StopSpec(AnyStop):
     depth: Size | None = None
 
     @model_validator(mode="after")
-    def _distances(self) -> Self:
+    def _check_distances(self) -> Self:
         if self.axis is None:
             for word in ("lower", "upper"):
                 value = getattr(self, word)

@@ -46,7 +46,7 @@ class BaseFriction(Component):
     creep_speed: _Speed | None = None
 
     @model_validator(mode="after")
-    def _words_fit(self) -> Self:
+    def _check_coefficients(self) -> Self:
         problems = []
         if self.static is not None and self.static < self.dynamic:
             what = f"must be at least dynamic = {self.dynamic:g}, is {self.static:g}"

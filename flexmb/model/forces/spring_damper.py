@@ -36,7 +36,7 @@ class NonlinearSpring(Component):
     value: Function | None = None
 
     @model_validator(mode="after")
-    def _one_of_each(self) -> Self:
+    def _check_replacements(self) -> Self:
         fail_if(
             Problem(word, f'replaces "{number}"; give one of them')
             for word, number in (("spring_force", "stiffness"), ("damper_force", "damping"))

@@ -128,7 +128,7 @@ class Rise(FunctionForm):
     y1: Ordinate
 
     @model_validator(mode="after")
-    def _in_order(self, info: ValidationInfo) -> Self:
+    def _check_order(self, info: ValidationInfo) -> Self:
         _after("t1", self.t1, self.t0, context_of(info))
         return self
 
@@ -210,7 +210,7 @@ class Trapezoidal(FunctionForm):
     acceleration: Annotated[float, _Rate("", "positive", power=2)] | None = None
 
     @model_validator(mode="after")
-    def _one_way(self, info: ValidationInfo) -> Self:
+    def _check_law(self, info: ValidationInfo) -> Self:
         ways = ("t1", "ramp", "speed", "acceleration")
         present = [name for name in ways if getattr(self, name) is not None]
         if present not in (["t1"], ["t1", "ramp"], ["speed", "acceleration"]):

@@ -262,7 +262,7 @@ class Tabulated(FunctionForm):
     beyond: Literal["error", "hold", "extrapolate", "repeat"] = "error"
 
     @model_validator(mode="after")
-    def _points_or_file(self, info: ValidationInfo) -> Self:
+    def _check_source(self, info: ValidationInfo) -> Self:
         if (self.points is None) == (self.file is None):
             raise fail(Problem("", 'give either "points" or "file"'))
         for name in ("columns", "units"):
@@ -308,7 +308,7 @@ class CubicSpline(Tabulated):
     ends: Literal["natural", "clamped", "periodic"] = "natural"
 
     @model_validator(mode="after")
-    def _closed(self, info: ValidationInfo) -> Self:
+    def _check_ends(self, info: ValidationInfo) -> Self:
         if self.ends == "periodic":
             first, last = self.pairs[0][1], self.pairs[-1][1]
             if len(self.pairs) < 3:

@@ -177,7 +177,7 @@ class LinearCouplerSpec(Coupler):
     constant: Number = 0.0
 
     @model_validator(mode="after")
-    def _two_or_three_different(self) -> Self:
+    def _check_terms(self) -> Self:
         keys = self.coordinates
         if len(keys) not in (2, 3):
             raise fail(Problem("terms", f"two or three terms are expected, given {len(keys)}"))

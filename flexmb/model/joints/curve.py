@@ -92,7 +92,7 @@ class CurveSpec(Component):
     closed: StrictBool = False
 
     @model_validator(mode="after")
-    def _one_shape(self) -> Self:
+    def _check_shape(self) -> Self:
         shape = only_one(self, *_SHAPES)
         problems = []
         if shape != "x" and (self.y is not None or self.z is not None):

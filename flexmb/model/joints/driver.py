@@ -127,7 +127,7 @@ class DriverSpec(Component):
 
     @model_validator(mode="before")
     @classmethod
-    def _only_markers_have_a_position(cls, fields: Any) -> Any:
+    def _check_position(cls, fields: Any) -> Any:
         """A position of numbers is refused here, before it is read: only markers have one."""
         if isinstance(fields, dict) and "position" in fields and "marker" not in fields:
             target = next((name for name in DRIVEN if name in fields), None)
@@ -137,7 +137,7 @@ class DriverSpec(Component):
         return fields
 
     @model_validator(mode="after")
-    def _one_target(self) -> Self:
+    def _check_target(self) -> Self:
         targets = [name for name in DRIVEN if getattr(self, name) is not None]
         if not targets:
             what = 'is missing: say what is driven by "joint", "marker" or "between"'

@@ -130,7 +130,7 @@ class GearSpec(RollingCoupler):
     nouns = ("wheel", "wheel")
 
     @model_validator(mode="after")
-    def _one_measure(self) -> Self:
+    def _check_measure(self) -> Self:
         only_one(self, "teeth", "radii", "ratio")
         problems = []
         if self.ratio == 0:

@@ -140,7 +140,7 @@ class JointSpec(Component):
     second_start: Length | None = None
 
     @model_validator(mode="after")
-    def _words_mean_something(self) -> Self:
+    def _check_options(self) -> Self:
         axes = JOINT_TYPES[self.type].axes
         problems = []
         if self.axis is not None and axes < 1:

@@ -221,7 +221,7 @@ class DynamicsSpec(Spec):
     start: Literal["undeformed", "quasi-static", "static"] = "undeformed"
 
     @model_validator(mode="after")
-    def _step_fits(self) -> Self:
+    def _check_step(self) -> Self:
         if self.step is not None and self.accuracy is not None:
             what = "accuracy chooses the steps itself: give either accuracy or a fixed step"
             raise fail(Problem("step", what))
@@ -235,7 +235,7 @@ class DynamicsSpec(Spec):
         return self
 
     @model_validator(mode="after")
-    def _options_act(self) -> Self:
+    def _check_options(self) -> Self:
         table = {name: getattr(self, name) for name in ("method", "step", *OPTIONS)}
         problems = [Problem(option, self._idle(option)) for option in _idle_options(table)]
         fail_if(problems)
@@ -256,7 +256,7 @@ class DynamicsSpec(Spec):
         )
 
     @model_validator(mode="after")
-    def _newmark_is_stable(self) -> Self:
+    def _check_newmark(self) -> Self:
         gamma = 0.5 if self.gamma is None else self.gamma
         if self.beta is not None and 2.0 * self.beta < gamma:
             what = f"must be at least gamma/2 = {0.5 * gamma:g} for a stable method"
@@ -267,7 +267,7 @@ class DynamicsSpec(Spec):
         return self
 
     @model_validator(mode="after")
-    def _outputs_lie_inside(self, info: ValidationInfo) -> Self:
+    def _check_output_times(self, info: ValidationInfo) -> Self:
         if isinstance(self.outputs, tuple):
             units = context_of(info).units
             end = units.say(self.duration, "s")
@@ -313,7 +313,7 @@ class StaticsSpec(Spec):
     spin: AngularVelocity = (0.0, 0.0, 0.0)
 
     @model_validator(mode="after")
-    def _times_fit(self) -> Self:
+    def _check_times(self) -> Self:
         problems = []
         if self.duration is not None and self.time:
             what = "belongs to one equilibrium; a duration follows it from 0 on: remove one"
@@ -369,7 +369,7 @@ class GuessSpec(Spec):
     stroke: Length | None = None
 
     @model_validator(mode="after")
-    def _says_something(self) -> Self:
+    def _check_coordinates(self) -> Self:
         if self.angle is None and self.stroke is None:
             raise fail(Problem("", 'give "angle", "stroke" or both'))
         return self

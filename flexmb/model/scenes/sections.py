@@ -143,7 +143,7 @@ class ViewSpec(Spec):
     size: tuple[Annotated[int, _PIXELS], Annotated[int, _PIXELS]] = (1280, 720)
 
     @model_validator(mode="after")
-    def _one_way_to_look(self) -> Self:
+    def _check_direction(self) -> Self:
         if self.direction is not None and self.camera != ("auto",):
             what = '"camera" and "direction" both say from where; give one of them'
             raise fail(Problem("direction", what))
