@@ -29,6 +29,7 @@ from flexmb.fe.assembly.numbering import Accumulator
 from flexmb.fe.assembly.springs import turning_share
 from flexmb.fe.assembly.supports import Supports
 from flexmb.fe.displacements import node_modes, surface
+from flexmb.fe.large_displacements import displacement_notes
 from flexmb.fe.linear_solver import SingularMatrix
 from flexmb.fe.recovery import shell_force_modes
 from flexmb.fe.reduction.eigenmodes import (
@@ -120,6 +121,7 @@ class SupportedModel:
             reactions = self._reactions(z, total)
             columns.append(z[:, None])
             fields.append(STATIC)
+            notes += displacement_notes(fe, self.ends, supports, solver, z)
             if options.buckling or options.preload:
                 inside = [f for k, f in acting.items()
                           if not isinstance(options.loads[k], InterfaceLoad)]  # fmt: skip

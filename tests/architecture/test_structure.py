@@ -13,8 +13,8 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "files": 387,
-    "lines": 102_700,
+    "files": 389,
+    "lines": 102_950,
     "participles": 30,
     "base names of three and more files": 0,
     _ALL: 0,

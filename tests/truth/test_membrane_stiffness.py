@@ -361,6 +361,51 @@ def test_an_audit_has_a_row_for_membrane_forces(tmp_path, stiffening, verdict):
     assert (row.share > 0.1) == (stiffening == "none")
 
 
+def solved(mesh, supports, pressure, nu=0.316, thickness=H):
+    """Notes of a part by itself, and its largest displacement."""
+    result = flexmb.part(
+        mesh, material={"E": E, "nu": nu, "density": 2700}, supports=supports,
+        sections={"surface": {"type": "shell", "thickness": thickness}},
+        loads={"wind": {"type": "pressure", "group": "surface", "pressure": pressure}},
+    )  # fmt: skip
+    return result.notes, np.linalg.norm(result.displacements(), axis=1).max()
+
+
+ALL = ["ux", "uy", "uz", "rx", "ry", "rz"]
+
+
+@pytest.mark.parametrize("load", LEVY)
+def test_a_part_tells_what_linear_theory_leaves_out(load):
+    mesh, edge = square("quad")
+    notes, linear = solved(mesh, {"rim": {"group": edge, "hold": ALL}}, load * E * H**4)
+    (note,) = [one for one in notes if "membrane forces" in one]
+    change, share = (float(note.split(" about ")[k].split()[0]) for k in (1, 2))
+    assert change == pytest.approx(100 * (1 - LEVY[load] * H / linear), rel=0.15)
+    # w + c w^3 is proportional to the load
+    small = np.sqrt(0.01 / (linear / H / LEVY[load] ** 3 - 1 / LEVY[load] ** 2))
+    assert share == pytest.approx(small * H / linear, rel=0.15)
+
+
+def test_a_part_that_bends_in_one_direction_has_no_membrane_forces():
+    """A strip clamped at one end: w = q L^4/(8 D), 0.2 of its length, 90 times its thickness."""
+    mesh = {"type": "plate", "length": 1.0, "width": 0.2, "divisions": [20, 4]}
+    pressure = 0.18 * 8 * E * H**3 / 12
+    notes, linear = solved(mesh, {"root": {"group": "x0", "hold": ALL}}, pressure, nu=0.0)
+    assert linear == pytest.approx(0.18, rel=0.01)
+    (note,) = notes
+    assert note.startswith("the largest displacement is 0.18 of the size of the part")
+
+
+def test_a_part_whose_supports_move_as_one_is_not_told_to_stretch():
+    mesh, edge = square("quad")
+    rim = {
+        "group": edge,
+        "hold": {"ux": 0.0, "uy": 0.0, "uz": 0.5, "rx": 0.0, "ry": 0.0, "rz": 0.0},
+    }
+    notes, _ = solved(mesh, {"rim": rim}, 2 * E * H**4)
+    assert not notes
+
+
 CANTILEVER = """
 title = "A long cantilever"
 gravity = [0, 0, "-g"]
