@@ -21,6 +21,7 @@ from flexmb.fe.reduction.fixed_interface import BorderedSolver
 from flexmb.flexbody.arrays import FloatArray
 
 _LARGEST_DISPLACEMENT = 0.1  # over the size of the part, from which on linear theory is doubtful
+_ROUND_OFF = 1e-9  # of displacements of supports, over the largest
 _LARGEST_CHANGE, _SMALL_CHANGE = 0.05, 0.01  # of displacements: from which on it is told; small
 
 
@@ -55,8 +56,9 @@ def displacement_notes(
             f"the largest displacement is {largest / size:.2g} of the size of the part: linear "
             f"theory holds up to about {_LARGEST_DISPLACEMENT:g}; give smaller loads"
         )
-    is_moved = np.abs(supports.value - supports.rigid[supports.fixed] @ moved).max() > 0.0
-    if largest > 0.0 and not is_moved and not supports.mean.any() and has_second_order_strains(fe):
+    rest = np.abs(supports.value - supports.rigid[supports.fixed] @ moved).max()
+    as_one = rest <= _ROUND_OFF * np.abs(supports.value).max() and not supports.mean.any()
+    if largest > 0.0 and as_one and has_second_order_strains(fe):
         notes += _membrane_notes(fe, ends, supports, solver, u)
     return notes
 

@@ -66,11 +66,10 @@ def with_membrane_stiffness(
 
 def _is_plate(body: FlexBody, fe: FEMatrices) -> bool:
     """Whether elements have second-order strains, and the body is neither a bar nor compact."""
-    if not has_second_order_strains(fe):
-        return False
     thin, wide, long = np.linalg.eigvalsh(body.S0 - np.outer(body.S1, body.S1) / body.mass)
-    shells = any(block.family.dimension == 2 for block in fe.blocks)
-    return bool(wide > _BAR * long and (shells or thin < _PLATE * wide))
+    if wide <= _BAR * long or not has_second_order_strains(fe):
+        return False
+    return any(block.family.dimension == 2 for block in fe.blocks) or bool(thin < _PLATE * wide)
 
 
 def _modes_at_rest(body: FlexBody) -> FloatArray:
