@@ -19,8 +19,8 @@ _MATRICES = 24  # (d, d) of an element, the memory that its strains of second or
 
 def has_second_order_strains(fe: FEMatrices) -> bool:
     """Whether a model consists of plates, shells and solids alone, without ties."""
-    known = all(hasattr(block.family, "mean_strains") for block in fe.blocks)
-    return bool(fe.blocks) and known and not fe.ties
+    every = all(hasattr(block.family, "mean_strains") for block in fe.blocks)
+    return bool(fe.blocks) and every and not fe.ties
 
 
 def second_order_loads(
