@@ -13,7 +13,7 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "files": 383,
+    "files": 384,
     "lines": 101_950,
     "participles": 30,
     "base names of three and more files": 0,

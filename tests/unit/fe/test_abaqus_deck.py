@@ -316,9 +316,31 @@ def test_nodes_of_elements_of_an_instance_and_names_in_quotes(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("rest", "nodes"),
+    [
+        ("*Nset, nset=s, generate\n5, 7, 2\n", [4, 6]),
+        ("*Nset, nset=s\n5, 7\n", [4, 6]),
+        ("*Nset, nset=s\n1,\n", [8]),  # the assembly has a node 1 too
+        ("*Nset, nset=s\ntip\n", [6]),
+        ("*Elset, elset=s\n1,\n", [*range(8)]),
+        ("*Nset, nset=s, elset=Set-1\n", [*range(8)]),
+    ],
+)
+def test_sets_of_the_assembly_without_an_instance_are_of_the_only_one(tmp_path, rest, nodes):
+    assert groups(read(tmp_path, assembly(rest=rest)))["s"] == nodes
+
+
+def test_a_set_of_a_mass_of_the_assembly_is_none_of_an_instance(tmp_path):
+    rest = "*Element, type=MASS, elset=ball\n 1, 1\n*Elset, elset=all\n 1\n"
+    assert groups(read(tmp_path, assembly(TWO, rest))).keys().isdisjoint(["all", "ball"])
+
+
+@pytest.mark.parametrize(
     ("rest", "sentence"),
     [
-        ("*Nset, nset=s\n3\n", 'node set "s" names node 3, which'),
+        ("*Nset, nset=s\n3\n", "node 3, which the assembly does .* INSTANCE=low or INSTANCE=High"),
+        ("*Nset, nset=s, generate\n3, 5\n", 'set "s" names node 3, which .* INSTANCE=low or'),
+        ("*Elset, elset=s, generate\n1, 1\n", 'set "s" names element 1, which the'),
         ("*Element, type=T3D2\n 5, 1, 3\n", "element 5 names node 3, which"),
         ("*Node\n 1, 0., 0., 0.\n", "node 1 is given twice"),
     ],
