@@ -135,6 +135,17 @@ GROUPS = {  # entries, and their groups by the numbers of the deck
 }  # fmt: skip
 
 
+@pytest.mark.parametrize("default", ["", "456"])
+def test_permanent_constraints_of_nodes_are_groups_by_their_components(tmp_path, default):
+    """As Patran and HyperMesh write them: no rotations of solids, or a support."""
+    supports = ["GRID,31,,0.,0.,0.,,123", "GRID,32,,0.,1.,0.,,123", "GRID,33,,0.,2.,0.,,0"]
+    mesh = read(
+        tmp_path, f"GRDSET,,,,,,,{default}", *supports, "GRID,34,,9.,9.,9.", "GRID,35,,0.,5.,0.,,3"
+    )
+    found = {name: mesh.numbers[nodes].tolist() for name, nodes in mesh.node_sets.items()}
+    assert found == {"PS:123": [31, 32], "PS:3": [35]} | ({"PS:456": [34]} if default else {})
+
+
 @pytest.mark.parametrize("entries", GROUPS)
 def test_nodes_of_rigid_elements_boundaries_and_supports_are_groups(tmp_path, entries):
     mesh = read(tmp_path, *GRIDS, *entries.split("\n"))
