@@ -350,6 +350,8 @@ def statics(
 
 
 def _show_equilibria(equilibria: Any, channels: list[str]) -> None:
+    from flexmb.analysis.equilibrium_search import MAX_TURNS, largest_winding
+
     unit = equilibria[0].model.units
     names = channels or list(equilibria[0].compiled.layout.channels)[:_SHOWN]
     rows = []
@@ -366,6 +368,9 @@ def _show_equilibria(equilibria: Any, channels: list[str]) -> None:
         if not stable:
             screen.line(f"{k + 1} is unstable: a disturbance grows by a factor of e in "
                         f"{1.0 / growth:.3g} s")  # fmt: skip
+    if largest_winding(equilibria) > pi:
+        screen.line(f"springs on angles were wound by up to {MAX_TURNS} turns from the first pose; "
+                    "more --starts find more such equilibria")  # fmt: skip
 
 
 def _without_round_off(values: Sequence[float]) -> list[float]:
