@@ -21,7 +21,6 @@ from flexmb.analysis.dynamics.integration import (
     static_modes_sentence,
     stiff_force_sentence,
 )
-from flexmb.analysis.dynamics.kinked_functions import steps_at_points
 from flexmb.analysis.dynamics.passes import (
     PreparedDynamics,
     complete_measured_error,
@@ -40,6 +39,7 @@ from flexmb.analysis.dynamics.reached_accuracy import (
     energy_error,
     missed_accuracy,
     reason_of_pass,
+    steps_at_points,
 )
 from flexmb.analysis.dynamics.run_settings import loop_settings, time_grid, why_implicit
 from flexmb.analysis.dynamics.validity import ValidityMonitor

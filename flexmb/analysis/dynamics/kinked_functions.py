@@ -1,22 +1,17 @@
-"""Functions of time with jumps or kinks within a run, the loads that they cause, and the steps."""
+"""Functions of time with jumps or kinks within a run, and the loads that they cause."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import TypeAlias
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
-from flexmb.analysis.dynamics.integration import Integration
 from flexmb.engine.compile import Compiled
 from flexmb.flexbody.arrays import Array
-from flexmb.model.excitation import driving_functions
 from flexmb.model.functions.derivatives import Program, evaluate
 from flexmb.model.functions.discontinuities import derivative_jumps
-from flexmb.model.functions.piecewise import Piecewise
-from flexmb.model.model import Model
 
 KinkedFunction: TypeAlias = tuple[Array, Callable[[float], float], float]
 """Times of its jumps and kinks [s], its load as a function of time, and the range of that load."""
@@ -25,9 +20,6 @@ _SIDE_DISTANCE = 1e-9  # distance from a jump of the times just before and after
 _MIN_JUMP = 1e-3  # least jump of a load over its range
 # Search for kinks of nested functions: intervals, and least jump of the rate over the largest rate.
 _GRID_INTERVALS, _MIN_RATE_JUMP = 2000, 0.01
-# Curves through points that are looked at: least number of points, largest number of steps for
-# each, and of periods.
-_MIN_POINTS, _MAX_STEPS, _MAX_REPETITIONS = 300, 4.0, 10_000
 
 
 def kinked_functions(compiled: Compiled, duration: float) -> Sequence[KinkedFunction]:
@@ -82,57 +74,3 @@ def rows_behind_jumps(compiled: Compiled, t: Array) -> list[int]:
             if 0 < row < len(t):
                 rows.add(row)
     return sorted(rows)
-
-
-def steps_at_points(run: Integration, model: Model) -> Iterator[str]:
-    """A sentence for each curve through points that decides the number of steps.
-
-    Steps end where its derivatives jump. Where they do not, as at the points of a cubic spline,
-    steps follow the scatter of the points, if it is larger than the accuracy.
-    """
-    spec, steps = model.dynamics, int(run.state.count[0]["steps"])
-    if spec is None or spec.step is not None:
-        return
-    events = run.compiled.system.time_events[:, 0]
-    for _, path, function in driving_functions(model):
-        curve, kind = function.curve, function.source
-        if curve is None or not isinstance(kind, Mapping):
-            continue
-        times = _times_of_points(curve, spec.duration)
-        if len(times) < _MIN_POINTS or not len(times) / 2 <= steps <= _MAX_STEPS * len(times):
-            continue
-        near = np.searchsorted(events, times * (1.0 - _SIDE_DISTANCE))
-        beside = events[np.minimum(near, len(events) - 1)] if len(events) else np.inf
-        at_points = int(np.sum(np.abs(beside - times) <= _SIDE_DISTANCE * spec.duration))
-        scatter = _scatter(curve)
-        is_rough = scatter > spec.accuracy
-        if at_points > len(times) / 2:
-            cure = "smooth the points or give fewer"
-            if kind["type"] != "spline" and not is_rough:
-                cure = 'they lie on a smooth curve, of which type = "spline" has no such jumps'
-            yield (
-                f"{path}: {at_points} of the {steps} steps end at points of its curve, since its "
-                f"derivatives jump there: {cure}"
-            )
-        elif is_rough:
-            yield (
-                f"{path}: its {len(times)} points decide the number of steps, {steps}: they "
-                f"scatter by {100 * scatter:.2g} % of their range; smooth them or give fewer"
-            )
-
-
-def _times_of_points(curve: Piecewise, end: float) -> Array:
-    """Times of the points within the run [s]."""
-    times = curve.knots
-    if curve.period > 0.0:
-        turns = np.arange(-1, min(int(end / curve.period), _MAX_REPETITIONS) + 1)
-        times = np.unique(times[None, :-1] + (turns * curve.period)[:, None])
-    return times[(times > 0.0) & (times < end)]
-
-
-def _scatter(curve: Piecewise) -> float:
-    """Deviation of every second point from a curve through the others, over the range (rms)."""
-    x, y = curve.knots, curve.coefficients[1:, 0]
-    x, y = x[np.isfinite(y)], y[np.isfinite(y)]
-    deviation = CubicSpline(x[::2], y[::2])(x[1::2]) - y[1::2]
-    return float(np.sqrt(np.mean(deviation[1:-1] ** 2)) / (np.ptp(y) or 1.0))
