@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -43,6 +44,9 @@ MAX_TURNS = 3
 """Turns by which springs on angles are wound, at most, in poses where a search begins."""
 _SAME_PLACE = 1e-5  # distance of two equilibria that are the same, as above
 _SAME_ENERGY = 1e-9  # relative difference of their energies
+_ENERGY_NOISE = 1e-12  # the same over that of the fastest mode at an amplitude of the model size
+_SAME_RATES = 1e-5  # difference of eigenvalues over the largest
+_BODY_SHARE = 0.5  # share of kinetic energy above which a mode is one of bodies, not of controllers
 _UNBALANCED = 1e-8  # largest residual force with preloads, over that without
 
 
@@ -101,11 +105,42 @@ class Equilibrium:
 
         NaN if motions without inertia do not allow to determine it.
         """
-        try:
-            made = self.linearize()
-            return float(made.eigenvalues.real.max(initial=0.0)), made.stable
-        except FlexmbError:
+        made = self._linearized
+        if made is None:
             return np.nan, True
+        return float(made.eigenvalues.real.max(initial=0.0)), made.stable
+
+    @cached_property
+    def neutral_motions(self) -> int:
+        """Number of motions in which nothing holds the bodies: it is one of a family of poses."""
+        made = self._linearized
+        if made is None:
+            return 0
+        moving = np.sum(list(made.energy_shares.values()), axis=0) > _BODY_SHARE
+        return int(np.sum(moving & (made.eigenvalues == 0.0)))  # states have no energy
+
+    @cached_property
+    def _linearized(self) -> Linearization | None:
+        """The linearised equations; None if a motion has no inertia."""
+        try:
+            return self.linearize()
+        except FlexmbError:
+            return None
+
+    def is_of_family(self, other: Equilibrium) -> bool:
+        """Whether another one has the same energy and vibrations, both with neutral motions."""
+        a, b = self._linearized, other._linearized
+        count = self.neutral_motions
+        if a is None or b is None or not count or count != other.neutral_motions:
+            return False
+        fastest = np.abs(a.eigenvalues).max()
+        mass = sum(float(a.M[body.iv, body.iv]) for body in self.compiled.layout.bodies)
+        scale = mass * (fastest * self.compiled.length) ** 2
+        limit = _SAME_ENERGY * max(abs(self.energy), abs(other.energy)) + _ENERGY_NOISE * scale
+        if abs(self.energy - other.energy) > limit or len(a.eigenvalues) != len(b.eigenvalues):
+            return False
+        parts = [np.sort([x.real, np.abs(x.imag)], axis=1) for x in (a.eigenvalues, b.eigenvalues)]
+        return bool(np.abs(parts[0] - parts[1]).max() <= _SAME_RATES * fastest)
 
 
 @one_blas_thread()
@@ -158,7 +193,7 @@ def find_equilibria(
     -------
     list of Equilibrium
         Different equilibria: stable ones, found by descent, and unstable ones, found by Newton's
-        method.
+        method. One of each family in which nothing holds the bodies; mirror images count as one.
     """
     first = find_equilibrium(compiled, model, time=time)
     equilibria = [first]
@@ -205,12 +240,13 @@ def largest_winding(equilibria: Sequence[Equilibrium]) -> float:
 
 
 def _is_same(a: Equilibrium, b: Equilibrium) -> bool:
-    """Whether bodies are in the same places, and springs on angles hold the same energy.
+    """Whether bodies are in the same places, and springs on angles hold the same energy; or both
+    are of one family.
 
     A turn of a wheel on which no spring acts changes nothing.
     """
     if separation(a.compiled, a.state.q, b.state.q)[0] > _SAME_PLACE:
-        return False
+        return a.is_of_family(b)
     if np.abs(_windings(a) - _windings(b)).max(initial=0.0) <= _SAME_PLACE:
         return True
     return abs(a.energy - b.energy) <= _SAME_ENERGY * max(abs(a.energy), abs(b.energy))

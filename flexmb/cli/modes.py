@@ -368,6 +368,11 @@ def _show_equilibria(equilibria: Any, channels: list[str]) -> None:
         if not stable:
             screen.line(f"{k + 1} is unstable: a disturbance grows by a factor of e in "
                         f"{1.0 / growth:.3g} s")  # fmt: skip
+    families = [str(k + 1) for k, one in enumerate(equilibria) if one.neutral_motions]
+    if families:
+        which = ", ".join(families)
+        screen.line(f"{which}: nothing holds the bodies in some motion: each stands for all poses "
+                    "of that motion, and their mirror images")  # fmt: skip
     if largest_winding(equilibria) > pi:
         screen.line(f"springs on angles were wound by up to {MAX_TURNS} turns from the first pose; "
                     "more --starts find more such equilibria")  # fmt: skip
