@@ -43,6 +43,8 @@ def test_the_nodes_about_a_place_are_told_as_it_was_written(tmp_path):
     about = "{ center = [2000, 0, 0], radius = 3 }"
     said = sentence(tmp_path, part, about.replace("}", ', hold = ["ux"] }'))
     assert "within 3 mm of (2000, 0, 0) mm; the nearest is node 42, 1000 mm away" in said
-    said = sentence(tmp_path, check_scene, "{ group = 'x0', hold = ['ux'] }", f"interfaces.b = {about}")
+    said = sentence(
+        tmp_path, check_scene, "{ group = 'x0', hold = ['ux'] }", f"interfaces.b = {about}"
+    )
     assert "bodies.plate.interfaces.b: there are no nodes" in said
     assert "within 3 mm of (2000, 0, 0) mm" in said
