@@ -27,7 +27,11 @@ from flexmb.flexbody.arrays import FloatArray
 
 ABAQUS = (".inp",)
 """Suffixes of files."""
-_INCLUDE = re.compile(r"^\*INCLUDE\s*,\s*INPUT\s*=\s*([^,\n]+)[^\n]*$", re.M | re.I)
+_INCLUDE = re.compile(  # a card whose lines are in a file; of INCLUDE itself nothing remains
+    r"^(?:\*INCLUDE|(?P<card>\*(?:NODE|ELEMENT|NSET|ELSET|SURFACE)\b[^*\n]*?))"
+    r"\s*,\s*INPUT\s*=\s*(?P<file>[^,\n]+)(?P<rest>[^\n]*)$",
+    re.M | re.I,
+)
 _GENERATORS = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
 _KINDS = (  # by the first letters of a type and the number of nodes that follows
     (re.compile(r"C3D(\d+)"), SOLIDS),

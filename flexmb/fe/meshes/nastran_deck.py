@@ -24,7 +24,8 @@ from flexmb.flexbody.arrays import FloatArray
 
 NASTRAN = (".bdf", ".fem", ".nas")
 """Suffixes of files."""
-_INCLUDE = re.compile(r"^INCLUDE\s+([^\n]+)$", re.M | re.I)
+_BULK = re.compile(rb"^ *(BEGIN +BULK|GRID[ *,])", re.M | re.I)
+_INCLUDE = re.compile(r"^INCLUDE\s+(?P<file>[^\n]+)$", re.M | re.I)
 _KINDS = {  # index of the first node field, and allowed numbers of nodes
     **dict.fromkeys(("CTRIA3", "CTRIAR"), (3, (3,))),
     **dict.fromkeys(("CQUAD4", "CQUADR", "CSHEAR"), (3, (4,))),
@@ -51,6 +52,12 @@ _BOUNDARIES = {  # index of the first node among the fields, and distance to the
 }  # fmt: skip
 _SYSTEMS = ("CORD1R", "CORD1C", "CORD1S", "CORD2R", "CORD2C", "CORD2S")
 _ZERO_SINE = 1e-9  # between the axis and the third point of a system
+
+
+def is_nastran(source: Path) -> bool:
+    """Whether a file is a deck by its suffix, or one ``.dat`` by its text."""
+    suffix = source.suffix.lower()
+    return suffix in NASTRAN or (suffix == ".dat" and bool(_BULK.search(source.read_bytes())))
 
 
 def read_nastran(source: Path) -> Any:

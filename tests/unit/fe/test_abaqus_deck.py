@@ -358,3 +358,23 @@ def test_many_generated_sets_do_not_each_go_through_all_nodes(tmp_path):
     mesh = read(tmp_path, f"*NODE\n{nodes}*NSET, NSET=some, GENERATE\n{lines}")
     assert process_time() - begin < 5.0
     assert len(mesh.node_sets["some"]) == 12_000
+
+
+@pytest.mark.parametrize(
+    "begin", ["*Node, input=far.txt, nset=all", "*NODE,NSET=all,\n INPUT='far.txt'"]
+)
+def test_lines_of_a_card_in_a_file_are_read(tmp_path, begin):
+    """Only of cards that are read: tables of amplitudes need not be there."""
+    (tmp_path / "far.txt").write_text(
+        "1, 0., 0., 0.\n2, 1., 0., 0.\n3, 0., 1., 0.\n4, 0., 0., 1.\n"
+    )
+    (tmp_path / "solids.txt").write_text("7, 1, 2, 3, 4\n")
+    (tmp_path / "foot.txt").write_text("1, 3\n")
+    text = f"{begin}\n*ELEMENT, TYPE=C3D4, INPUT=solids.txt, ELSET=one\n"
+    text += "*NSET, NSET=foot,INPUT=foot.txt\n"
+    mesh = read(tmp_path, f"{text}*AMPLITUDE, NAME=a, INPUT=missing.txt\n")
+    assert mesh.blocks["tetra"].tolist() == [[0, 1, 2, 3]]
+    assert groups(mesh) == {"one": [0, 1, 2, 3], "all": [0, 1, 2, 3], "foot": [0, 2]}
+    (tmp_path / "foot.txt").unlink()
+    with pytest.raises(MeshError, match="no such file, named by an include of"):
+        read(tmp_path, text)

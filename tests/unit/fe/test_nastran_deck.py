@@ -187,3 +187,13 @@ def test_an_interface_at_the_reference_of_a_rigid_element(tmp_path):
     moved = part.displacements()[np.isin(part.nodes.ids, [8, 9, 10, 11])].mean(axis=0)
     assert moved[2] == pytest.approx(4e6 * 2 / 2e11, rel=1e-9)
     assert part.reactions["foot"].moment[1] == pytest.approx(-3e3 * 4, rel=1e-9)
+
+
+def test_a_deck_of_nastran_may_end_in_dat(tmp_path):
+    """The suffix is Nastran's own as well as Tecplot's; the text tells which it is."""
+    path = tmp_path / "deck.dat"
+    path.write_text("SOL 103\nCEND\nBEGIN BULK\n" + "\n".join(GRIDS[:4]) + "\nCTETRA,1,1,1,2,3,4\n")
+    assert read_mesh(path).blocks["tetra"].tolist() == [[0, 1, 2, 3]]
+    path.write_text('TITLE = "x"\nVARIABLES = "X", "Y"\n')
+    with pytest.raises(MeshError, match=r"not the \.dat format that its suffix says"):
+        read_mesh(path)
