@@ -10,7 +10,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -273,3 +275,33 @@ def unit_system(name: str | UnitSystem) -> UnitSystem:
         if key.casefold() == str(name).casefold():
             return system
     raise FlexmbError.unknown_name("unit system", str(name), UNIT_SYSTEMS, "units")
+
+
+_OF_TEXTS = ContextVar("units of texts", default=SI)
+
+
+@contextmanager
+def lengths_in(units: UnitSystem) -> Iterator[None]:
+    """Lengths and places in messages about meshes and parts have these units, those of a scene."""
+    token = _OF_TEXTS.set(units)
+    try:
+        yield
+    finally:
+        _OF_TEXTS.reset(token)
+
+
+def say_length(value: float, digits: int = 6) -> str:
+    """A length [m] as text in the units of `lengths_in`, by default SI.
+
+    >>> with lengths_in(unit_system("mm-t-s")):
+    ...     say_length(0.03)
+    '30 mm'
+    """
+    return _OF_TEXTS.get().say(value, "m", digits)
+
+
+def say_place(point: Iterable[float], digits: int = 4) -> str:
+    """A point [m] as text in the same units, ``(1, 0, 0) m``."""
+    units = _OF_TEXTS.get()
+    values = (f"{units.outward(float(x), 'm') + 0.0:.{digits}g}" for x in point)
+    return f"({', '.join(values)}) {units.label('m')}"

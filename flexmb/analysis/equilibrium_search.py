@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -30,17 +31,25 @@ from flexmb.engine.allocation import new_run, new_work
 from flexmb.engine.compile import Compiled
 from flexmb.engine.compiled_calls import statics_units
 from flexmb.engine.compiled_units import call, prepare_units
+from flexmb.engine.joints.constraint_groups import forces_on_joints, joint_coordinate
 from flexmb.engine.state import State
 from flexmb.engine.state_rows import write_equilibrium
 from flexmb.errors import AssemblyError, FlexmbError, Problem, SceneError, nearest
 from flexmb.flexbody.arrays import Array
+from flexmb.model.forces.friction import JointFrictionSpec
 from flexmb.model.model import Model
 from flexmb.results.output_block import OutputBlock
 
 # Random poses: largest number of displacements, and their largest size, over the size of the model
 # or in radians.
 _MAX_HOPS, _HOP = 8, 0.6
+MAX_TURNS = 3
+"""Turns by which springs on angles are wound, at most, in poses where a search begins."""
 _SAME_PLACE = 1e-5  # distance of two equilibria that are the same, as above
+_SAME_ENERGY = 1e-9  # relative difference of their energies
+_ENERGY_NOISE = 1e-12  # the same over that of the fastest mode at an amplitude of the model size
+_SAME_RATES = 1e-5  # difference of eigenvalues over the largest
+_BODY_SHARE = 0.5  # share of kinetic energy above which a mode is one of bodies, not of controllers
 _UNBALANCED = 1e-8  # largest residual force with preloads, over that without
 
 
@@ -109,11 +118,42 @@ class Equilibrium:
 
         NaN if motions without inertia do not allow to determine it.
         """
-        try:
-            made = self.linearize()
-            return float(made.eigenvalues.real.max(initial=0.0)), made.stable
-        except FlexmbError:
+        made = self._linearized
+        if made is None:
             return np.nan, True
+        return float(made.eigenvalues.real.max(initial=0.0)), made.stable
+
+    @cached_property
+    def neutral_motions(self) -> int:
+        """Number of motions in which nothing holds the bodies: it is one of a family of poses."""
+        made = self._linearized
+        if made is None:
+            return 0
+        moving = np.sum(list(made.energy_shares.values()), axis=0) > _BODY_SHARE
+        return int(np.sum(moving & (made.eigenvalues == 0.0)))  # states have no energy
+
+    @cached_property
+    def _linearized(self) -> Linearization | None:
+        """The linearised equations; None if a motion has no inertia."""
+        try:
+            return self.linearize()
+        except FlexmbError:
+            return None
+
+    def is_of_family(self, other: Equilibrium) -> bool:
+        """Whether another one has the same energy and vibrations, both with neutral motions."""
+        a, b = self._linearized, other._linearized
+        count = self.neutral_motions
+        if a is None or b is None or not count or count != other.neutral_motions:
+            return False
+        fastest = np.abs(a.eigenvalues).max()
+        mass = sum(float(a.M[body.iv, body.iv]) for body in self.compiled.layout.bodies)
+        scale = mass * (fastest * self.compiled.length) ** 2
+        limit = _SAME_ENERGY * max(abs(self.energy), abs(other.energy)) + _ENERGY_NOISE * scale
+        if abs(self.energy - other.energy) > limit or len(a.eigenvalues) != len(b.eigenvalues):
+            return False
+        parts = [np.sort([x.real, np.abs(x.imag)], axis=1) for x in (a.eigenvalues, b.eigenvalues)]
+        return bool(np.abs(parts[0] - parts[1]).max() <= _SAME_RATES * fastest)
 
 
 @one_blas_thread()
@@ -166,14 +206,16 @@ def find_equilibria(
     -------
     list of Equilibrium
         Different equilibria: stable ones, found by descent, and unstable ones, found by Newton's
-        method.
+        method. One of each family in which nothing holds the bodies; mirror images count as one.
     """
     first = find_equilibrium(compiled, model, time=time)
     equilibria = [first]
     rng, rows = np.random.default_rng(seed), ConstraintRows(compiled)
     scales = column_scales(compiled)
-    for _ in range(starts - 1):
-        q = _random_pose(rows, first.state.q, scales, rng, time)
+    has_windings = len(_windings(first)) > 0
+    for k in range(starts - 1):
+        winds = has_windings and k % 2 == 1
+        q = _random_pose(rows, first.state.q, scales, rng, time, straight=winds)
         if q is None:
             continue
         for descend in (True, False):
@@ -185,18 +227,61 @@ def find_equilibria(
                 )
             except AssemblyError:
                 continue
-            apart = (separation(compiled, state.q, one.state.q)[0] for one in equilibria)
-            if all(distance > _SAME_PLACE for distance in apart):
-                equilibria.append(Equilibrium(compiled, model, state, steps))
+            another = Equilibrium(compiled, model, state, steps)
+            if not any(_is_same(another, one) for one in equilibria):
+                equilibria.append(another)
     return sorted(equilibria, key=lambda one: one.energy)
 
 
+def _windings(one: Equilibrium) -> Array:
+    """Angles on which springs and stops act, counted over turns [rad]."""
+    names = one.compiled.layout.coordinates
+    springs = one.model.forces
+    angular = {
+        f"forces.{name}"
+        for name, spec in forces_on_joints(one.model).items()
+        if joint_coordinate(one.model, spec) != "stroke"
+        and not isinstance(springs[name], JointFrictionSpec)
+    }
+    values = one.state.q[one.compiled.layout.nq - len(names) :]
+    return np.array([x for name, x in zip(names, values, strict=True) if name in angular])
+
+
+def largest_winding(equilibria: Sequence[Equilibrium]) -> float:
+    """Largest difference of an angle with a spring between two of them [rad]."""
+    return float(np.ptp([_windings(one) for one in equilibria], axis=0).max(initial=0.0))
+
+
+def _is_same(a: Equilibrium, b: Equilibrium) -> bool:
+    """Whether bodies are in the same places, and springs on angles hold the same energy; or both
+    are of one family.
+
+    A turn of a wheel on which no spring acts changes nothing.
+    """
+    if separation(a.compiled, a.state.q, b.state.q)[0] > _SAME_PLACE:
+        return a.is_of_family(b)
+    if np.abs(_windings(a) - _windings(b)).max(initial=0.0) <= _SAME_PLACE:
+        return True
+    return abs(a.energy - b.energy) <= _SAME_ENERGY * max(abs(a.energy), abs(b.energy))
+
+
 def _random_pose(
-    rows: ConstraintRows, q: Array, scales: Array, rng: np.random.Generator, time: float
+    rows: ConstraintRows,
+    q: Array,
+    scales: Array,
+    rng: np.random.Generator,
+    time: float,
+    straight: bool = False,
 ) -> Array | None:
-    """Another pose of the assembly, by random displacements along its free motions."""
+    """Another pose of the assembly, by displacements along its free motions.
+
+    They are random, or `straight` on, up to some turns.
+    """
     pose = close_rows(rows, q, None, time)
-    for _ in range(int(rng.integers(1, _MAX_HOPS))):
+    towards = rng.standard_normal(len(scales)) if straight else np.zeros(0)
+    far = rng.random() * 2.0 * np.pi * MAX_TURNS if straight else 0.0
+    hops = round(far / _HOP) if straight else int(rng.integers(1, _MAX_HOPS))
+    for _ in range(hops):
         if pose is None:
             return None
         free = np.zeros((len(scales), 0))
@@ -208,8 +293,11 @@ def _random_pose(
             free[jacobian.columns[rigid]] = null
         if not free.shape[1]:
             return None
-        step = scales * (free @ rng.standard_normal(free.shape[1]))
-        step *= _HOP * rng.random() / np.abs(step[scales > 0] / scales[scales > 0]).max()
+        along = free.T @ towards if straight else rng.standard_normal(free.shape[1])
+        towards = free @ along
+        step = scales * towards
+        share = 1.0 if straight else rng.random()
+        step *= _HOP * share / np.abs(step[scales > 0] / scales[scales > 0]).max()
         pose = close_rows(rows, rows.move(pose.q, step), None, time) or pose
     return None if pose is None else pose.q
 

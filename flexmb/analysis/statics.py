@@ -44,7 +44,6 @@ from flexmb.results.result import NOT_UNIQUE
 # Two equilibria are on different branches if their distance exceeds that of the two before by the
 # first factor, and is larger than the second number, over the model size or in radians.
 _DISTANCE_RATIO, _MIN_WAY = 10.0, 0.02
-_BODY_SHARE = 0.5  # share of kinetic energy above which a mode is one of bodies, not of controllers
 
 
 @dataclass(frozen=True)
@@ -204,9 +203,8 @@ class _Run:
                 f"{at} is unstable: a disturbance grows by a factor of e in {1.0 / rate:.3g} s, "
                 f"mostly of bodies.{name[0]}; flexmb modes --about static shows the modes"
             )
-        else:  # states of controllers have no energy
-            moving = np.sum(list(made.energy_shares.values()), axis=0) > _BODY_SHARE
-            count = int(np.sum(moving & (values == 0.0)))
+        else:
+            count = one.neutral_motions
             if count:
                 self.stability.append(
                     f"{at} is neutral in {count} motion{'s' * (count > 1)}: nothing holds the "

@@ -350,6 +350,8 @@ def statics(
 
 
 def _show_equilibria(equilibria: Any, channels: list[str]) -> None:
+    from flexmb.analysis.equilibrium_search import MAX_TURNS, largest_winding
+
     unit = equilibria[0].model.units
     names = channels or list(equilibria[0].compiled.layout.channels)[:_SHOWN]
     rows = []
@@ -369,6 +371,14 @@ def _show_equilibria(equilibria: Any, channels: list[str]) -> None:
     for k, one in enumerate(equilibria):
         for limit in one.limits():
             screen.line(f"note: equilibrium {k + 1}: {limit.text()}")
+    families = [str(k + 1) for k, one in enumerate(equilibria) if one.neutral_motions]
+    if families:
+        which = ", ".join(families)
+        screen.line(f"{which}: nothing holds the bodies in some motion: each stands for all poses "
+                    "of that motion, and their mirror images")  # fmt: skip
+    if largest_winding(equilibria) > pi:
+        screen.line(f"springs on angles were wound by up to {MAX_TURNS} turns from the first pose; "
+                    "more --starts find more such equilibria")  # fmt: skip
 
 
 def _without_round_off(values: Sequence[float]) -> list[float]:

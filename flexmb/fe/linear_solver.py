@@ -35,6 +35,7 @@ from flexmb.fe.dissection import dissect, matrix_graph
 from flexmb.fe.multifrontal import Fronts, Multifrontal, NotPositive, fronts
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.progress import Progress, silent
+from flexmb.units import say_place
 
 # added to the unit diagonal of a matrix without factors, so that its free motions can be found
 SHIFT = 1e-10
@@ -124,8 +125,8 @@ def free_part_error(
     else:
         nodes = np.unique(points[dofs], axis=0)
         ends = nodes.min(axis=0), nodes.max(axis=0)
-        low, high = (", ".join(f"{value:.4g}" for value in end) for end in ends)
-        part = f"its {len(nodes)} nodes lie between ({low}) and ({high}) m"
+        low, high = map(say_place, ends)
+        part = f"its {len(nodes)} nodes lie between {low} and {high}"
     return _error(
         "the stiffness matrix with all interfaces held is singular: a part moves freely "
         f"({part}); hold it by an interface, connect it to the rest by more nodes, or make it less "
@@ -335,7 +336,7 @@ def _at(error: NotPositive, points: FloatArray | None) -> str:
         return ""
     what = f": degree of freedom {error.index}"
     if points is not None:
-        what += f" at ({', '.join(f'{value:.4g}' for value in points[error.index])}) m"
+        what += f" at {say_place(points[error.index])}"
     return f"{what} has a negative stiffness"
 
 

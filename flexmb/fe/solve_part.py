@@ -38,7 +38,7 @@ from flexmb.flexbody.part_options import (
 )
 from flexmb.flexbody.part_result import PartResult
 from flexmb.progress import Progress, silent
-from flexmb.units import unit_system
+from flexmb.units import say_length, say_place, unit_system
 
 Words = Mapping[str, Mapping[str, Any]]
 
@@ -282,9 +282,9 @@ def _motions_in_words(N: FloatArray, center: FloatArray, size: float) -> list[st
         point = center + np.cross(w, t) / rate**2
         pitch = float(w @ t) / rate**2
         point[np.abs(point) < 1e-9 * size] = 0.0
-        place = ", ".join(f"{x:.4g}" for x in point)
-        screw = f", sliding {pitch:.3g} m along it per rad" if abs(pitch) > 1e-6 * size else ""
-        words.append(f"rotation about {_direction(w)} through ({place}) m{screw}")
+        slide = f", sliding {say_length(pitch, 3)} along it per rad"
+        screw = slide if abs(pitch) > 1e-6 * size else ""
+        words.append(f"rotation about {_direction(w)} through {say_place(point)}{screw}")
     return words
 
 

@@ -61,7 +61,7 @@ def oscillations(model: ModelData) -> Iterator[tuple[str, float]]:
     """Path and mean frequency [Hz] of drivers and loads; 0 for those with fewer than
     `_MIN_CYCLES`."""
     end = getattr(model.dynamics or model.kinematics, "duration", 0.0)
-    for _, path, function in _driving_functions(model):
+    for _, path, function in driving_functions(model):
         if function.constant is None:
             hertz = _mean_frequency(function, end)
             yield path, hertz if hertz * end > _MIN_CYCLES else 0.0
@@ -70,7 +70,7 @@ def oscillations(model: ModelData) -> Iterator[tuple[str, float]]:
 def driving_frequencies(model: ModelData) -> Iterator[tuple[str, float]]:
     """Path and highest frequency [Hz] of each driver and load."""
     end = getattr(model.dynamics or model.kinematics, "duration", 0.0)
-    for section, path, function in _driving_functions(model):
+    for section, path, function in driving_functions(model):
         yield path, _frequency(function, end, section == "angles")
     for name, spec in model.bodies.items():
         for start in spec.initial_velocities.values():
@@ -79,7 +79,7 @@ def driving_frequencies(model: ModelData) -> Iterator[tuple[str, float]]:
                 yield f"bodies.{name}", spin / (2.0 * math.pi)
 
 
-def _driving_functions(model: ModelData) -> Iterator[tuple[str, str, Function]]:
+def driving_functions(model: ModelData) -> Iterator[tuple[str, str, Function]]:
     """Functions of time in drivers and loads: "angles" or the section, path, function."""
     end = getattr(model.dynamics or model.kinematics, "duration", 0.0)
     for section in ("drivers", "forces"):

@@ -196,7 +196,8 @@ def read_numbers(values: Sequence[Any], names: ReadContext, units: Iterable[str]
     problems: list[Problem] = []
     for i, (value, unit) in enumerate(zip(values, units, strict=False)):
         try:
-            numbers.append(read_number(value, names, unit) * names.units.scale(unit))
+            scaled = read_number(value, names, unit) * names.units.scale(unit)
+            numbers.append(_finite(scaled, value, LARGEST))
         except SceneError as error:
             problems += under(f"[{i}]", error.problems)
     if problems:
@@ -204,9 +205,16 @@ def read_numbers(values: Sequence[Any], names: ReadContext, units: Iterable[str]
     return numbers
 
 
-def _finite(number: float, value: Any) -> float:
+LARGEST = 1e60
+"""Largest magnitude of a quantity in SI, and inverse of the least positive one: its fifth power is
+still finite."""
+
+
+def _finite(number: float, value: Any, largest: float = math.inf) -> float:
     if not math.isfinite(number):
         raise SceneError(f"a finite number is expected, given {quote(value)}")
+    if abs(number) > largest:
+        raise SceneError(f"is too large, {number:g} in SI; allowed: up to {largest:g}")
     return number
 
 
@@ -237,9 +245,13 @@ class Quantity(FieldType):
             low, high = self.limits
             what = f"must lie between {low:.4g} and {high:.4g}, is {number:g}"
             raise fail(Problem("", what))
-        scaled = number * units.scale(unit or "")
-        if not math.isfinite(scaled):
-            raise fail(Problem("", f"a finite number is expected, given {quote(value)}"))
+        try:
+            scaled = _finite(number * units.scale(unit or ""), value, LARGEST)
+        except SceneError as error:
+            raise fail(error.problems[0]) from None
+        if self.sign == "positive" and scaled < 1.0 / LARGEST:
+            what = f"is too small, {scaled:g} in SI; allowed: from {1.0 / LARGEST:g} on"
+            raise fail(Problem("", what))
         return scaled
 
     def write(self, value: Any, info: SerializationInfo) -> Any:

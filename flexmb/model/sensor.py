@@ -123,7 +123,9 @@ class AngleSensorSpec(JointSensorSpec):
 
 
 class StrokeSensorSpec(JointSensorSpec):
-    """Stroke of a joint, or from marker I to J along ``axis``; with ``derivative`` its rate."""
+    """Stroke of a joint, the distance from I to J along its axis, or from marker I to J along
+    ``axis``; with ``derivative`` its rate.
+    """
 
     type: Literal["stroke"]
 

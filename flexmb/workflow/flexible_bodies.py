@@ -29,6 +29,7 @@ from flexmb.model.flexible_body import FlexbodySpec
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.plane import simulated_body
 from flexmb.progress import Progress, silent
+from flexmb.units import lengths_in
 
 if TYPE_CHECKING:
     from flexmb.fe import Survey
@@ -145,7 +146,8 @@ def survey_bodies(model: Model) -> tuple[dict[str, Survey], list[Problem]]:
     for name, spec in model.bodies.items():
         if isinstance(spec, MeshBodySpec):
             mesh, options = reduction_input(model, name)
-            surveys[name] = fe.survey(mesh, **options)
+            with lengths_in(model.units):
+                surveys[name] = fe.survey(mesh, **options)
             problems += under_body(name, surveys[name].problems)
         elif isinstance(spec, FlexbodySpec):
             try:
@@ -300,7 +302,7 @@ def _reduce_body(
     selected = "inertia" if rotated else "none"
     for _ in range(2):
         mesh, options = reduction_input(model, name, selected)
-        with warnings.catch_warnings(record=True) as caught:
+        with warnings.catch_warnings(record=True) as caught, lengths_in(model.units):
             warnings.simplefilter("always", FlexmbWarning)
             body = fe.reduce(mesh, **options, inspect=inspect, progress=progress)
         selected = _selected_residual(model, name, body)

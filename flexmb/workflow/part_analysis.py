@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from flexmb.errors import FlexmbError, FlexmbWarning, Problem, SceneError, nearest
 from flexmb.folders import output_folder, writable_folder
 from flexmb.progress import Progress, silent
+from flexmb.units import lengths_in
 from flexmb.workflow.flexible_bodies import reduction_input, under_body
 from flexmb.workflow.run_report import CheckOutcome
 
@@ -76,7 +77,7 @@ def run_part(
     folder = writable_folder(Path(output) if output is not None else output_folder(path))
     mesh, options = reduction_input(model, name)
     notes: list[str] = []
-    with warnings.catch_warnings(record=True) as caught:
+    with warnings.catch_warnings(record=True) as caught, lengths_in(model.units):
         warnings.simplefilter("always", FlexmbWarning)
         try:
             result = part(

@@ -43,6 +43,16 @@ ONE_LINE = [
         id="negative mass by an expression",
     ),
     pytest.param(
+        ("mass = 1", "mass = 1e200"),
+        "bodies.crank.mass: is too large, 1e+200 in SI; allowed: up to 1e+60",
+        id="a mass whose powers overflow",
+    ),
+    pytest.param(
+        ("mass = 1", "mass = 1e-200"),
+        "bodies.crank.mass: is too small, 1e-200 in SI; allowed: from 1e-60 on",
+        id="a mass that cannot be divided by",
+    ),
+    pytest.param(
         ("inertia = [1, 1, 1]", "inertia = [1, 1, 3]"),
         "bodies.crank.inertia: the inertia is impossible: of its principal moments 1, 1, 3 kg m^2 "
         "the largest, 3, exceeds the sum of the other two, 2; no distribution of mass has it",

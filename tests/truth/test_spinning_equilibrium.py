@@ -92,6 +92,46 @@ def test_a_run_that_begins_there_stays(driven):
     np.testing.assert_allclose(np.diff(angle), 0.8, atol=1e-7)
 
 
+def test_a_shaft_that_turns_freely_has_each_equilibrium_once():
+    """All angles of the shaft are alike: m w^2 (e + l sin) cos = m g sin has four roots."""
+    speed, e, length = 9.0, 0.05, 0.3
+    made = Model("arm on a shaft", gravity=[0, 0, -G])
+    made.add_body("shaft", mass=1.0, inertia=[0.01] * 3)
+    made.add_joint("bearing", "revolute", between=["ground", "shaft"], axis="z")
+    made.add_marker("shaft.pin", position=[e, 0, 0])
+    made.add_body("arm", mass=MASS, center=[length, 0, 0], inertia=[1e-9] * 3, position=[e, 0, 0],
+                  orientation={"axis": "y", "angle": 1.2})  # fmt: skip
+    made.add_joint("pin", "revolute", between=["shaft.pin", "arm"], axis="y")
+    made.add_sensor("center", "position", of="arm.center")
+    made.set_statics(spin=[0, 0, speed])
+    grid = np.linspace(-np.pi, np.pi, 1001)
+
+    def moment(x):
+        return speed**2 * (e + length * np.sin(x)) * np.cos(x) - G * np.sin(x)
+
+    roots = [
+        brentq(moment, a, b)
+        for a, b in zip(grid[:-1], grid[1:], strict=True)
+        if moment(a) * moment(b) < 0
+    ]
+
+    def potential(x, at):
+        """Of a shaft without a motor, whose angular momentum stays."""
+        inertia = [0.01 + MASS * (e + length * np.sin(angle)) ** 2 for angle in (x, at)]
+        return -MASS * G * length * np.cos(x) + 0.5 * (speed * inertia[1]) ** 2 / inertia[0]
+
+    h = 1e-3
+    bends = [potential(x + h, x) - 2 * potential(x, x) + potential(x - h, x) for x in roots]
+    found = flexmb.equilibria(made)
+    heights = sorted(one.channels(["center.z"])[0] for one in found)
+    np.testing.assert_allclose(heights, np.sort(-length * np.cos(roots)), atol=1e-9)
+    assert len(roots) == 4
+    assert all(one.neutral_motions == 1 for one in found)
+    stable = {round(one.channels(["center.z"])[0], 6): one.linearize().stable for one in found}
+    for x, bend in zip(roots, bends, strict=True):
+        assert stable[round(-length * np.cos(x), 6)] == (bend > 0.0)
+
+
 def test_a_rod_grows_by_its_centrifugal_force():
     speed, side = 100.0, 0.02
     rod = reduce(line(8, end=(LENGTH, 0, 0)), modes=6, interfaces={"root": "root", "tip": "tip"},

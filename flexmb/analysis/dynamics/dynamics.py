@@ -39,6 +39,7 @@ from flexmb.analysis.dynamics.reached_accuracy import (
     energy_error,
     missed_accuracy,
     reason_of_pass,
+    steps_at_points,
 )
 from flexmb.analysis.dynamics.run_settings import loop_settings, time_grid, why_implicit
 from flexmb.analysis.dynamics.validity import ValidityMonitor
@@ -296,8 +297,7 @@ class _Pass:
         notes = [note for monitor in monitors for note in monitor.notes()]
         notes += [prepared.halving.note(prepared.model.units)] if prepared.halving else []
         notes = [note for note in notes if note not in ending.message]
-        if self.growth.sentence and self.growth.sentence != ending.message:
-            notes.append(self.growth.sentence)
+        notes += [self.growth.sentence] if self.growth.sentence != ending.message else []
         pivots = int(prepared.run.state.count[0]["regularised_pivots"])
         if pivots and "not finite" not in ending.message:
             notes.append(
@@ -307,6 +307,7 @@ class _Pass:
         if ending.status == "finished":
             notes += [*missed_accuracy(prepared), damped_vibration(prepared)]
             notes += slow_impacts(prepared.run, prepared.model.units)
+            notes += steps_at_points(prepared.run, prepared.model)
             if prepared.rows_before == 0:  # rows of a run before it was resumed were not looked at
                 notes += self._peaks.sentences(prepared.run, prepared.model)
             unstable = unstable_step(prepared.run, prepared.method, failed=False)

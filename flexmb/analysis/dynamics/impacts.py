@@ -71,8 +71,8 @@ def slow_impacts(run: Integration, units: UnitSystem) -> Iterator[str]:
 class MissedPeaks:
     """Peaks of contact forces that lie between the outputs of a run.
 
-    An impact is often shorter than the interval of outputs. The force of a contact of one point is
-    compared with the sensors that record it.
+    An impact is often shorter than the interval of outputs. The force of a contact, of all its
+    points together, is compared with the sensors that record it.
     """
 
     def __init__(self, compiled: Compiled, model: Model) -> None:
@@ -84,9 +84,9 @@ class MissedPeaks:
             if not isinstance(spec, ReactionSensorSpec) or spec.quantity != "force":
                 continue
             element = compiled.elements.get(f"forces.{spec.force}")
-            if element is None or element.kind != "contacts" or element.n > 1:
+            if element is None or element.kind != "contacts":
                 continue
-            row = compiled.system.kinds["contacts"].rows[element.row]
+            row = compiled.system.kinds["contacts"].rows[element.row + element.n - 1]
             self._contacts[name] = int(row["impacts"])
             self._columns[name] = [
                 k for k, channel in enumerate(channels) if channel.rpartition(".")[0] == name

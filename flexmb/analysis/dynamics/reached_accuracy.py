@@ -1,11 +1,14 @@
-"""Notes of a run on its accuracy: missing vibrations, energy that is off, accuracy not reached."""
+"""Notes of a run on accuracy and steps: missing vibrations, energy that is off, accuracy that is
+not reached, points of curves that decide the number of steps."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
+from flexmb.analysis.dynamics.integration import Integration
 from flexmb.analysis.dynamics.passes import (
     DIFFERENT_MOTION,
     MAX_PASSES,
@@ -14,7 +17,11 @@ from flexmb.analysis.dynamics.passes import (
     is_stagnant,
 )
 from flexmb.engine.method_selection import NONSTIFF_METHOD
+from flexmb.flexbody.arrays import Array
+from flexmb.model.excitation import driving_functions
 from flexmb.model.forces.friction import JointFrictionSpec
+from flexmb.model.functions.piecewise import Piecewise
+from flexmb.model.model import Model
 
 # Measured over requested error above which a note reports it; accuracy that a note advises, over
 # the measured error (at the level of round-off two runs of 1 µm at a distance of 1 km have errors
@@ -28,6 +35,9 @@ _MAX_ENERGY_ERROR = 0.05  # energy error over the energy exchanged, above which 
 # Mean departure of quasi-static modes in a step from the path of their rates, over their mean
 # deformation, above which steps are too long for them. One step in fifty that jumps has as much.
 _MAX_LAG = 0.02
+# Curves through points that are looked at: least number of points, largest number of steps for
+# each, of periods; distance of a point and the end of a step that are the same, over the run.
+_MIN_POINTS, _MAX_STEPS, _MAX_REPETITIONS, _SAME_TIME = 300, 4.0, 10_000, 1e-9
 _MIN_MISSING_VIBRATION = 0.05  # least missing vibration of a reaction in a note, over its range
 
 
@@ -190,3 +200,57 @@ def energy_error(prepared: PreparedDynamics, cause: str) -> str:
             f"if it stays, {rest}"
         )
     return f"{what}ask for more accuracy; if it stays, {rest}"
+
+
+def steps_at_points(run: Integration, model: Model) -> Iterator[str]:
+    """A sentence for each curve through points that decides the number of steps.
+
+    Steps end where its derivatives jump. Where they do not, as at the points of a cubic spline,
+    steps follow the scatter of the points, if it is larger than the accuracy.
+    """
+    spec, steps = model.dynamics, int(run.state.count[0]["steps"])
+    if spec is None or spec.accuracy is None:
+        return
+    events = run.compiled.system.time_events[:, 0]
+    for _, path, function in driving_functions(model):
+        curve, kind = function.curve, function.source
+        if curve is None or not isinstance(kind, Mapping):
+            continue
+        times = _times_of_points(curve, spec.duration)
+        if len(times) < _MIN_POINTS or not len(times) / 2 <= steps <= _MAX_STEPS * len(times):
+            continue
+        near = np.searchsorted(events, times * (1.0 - _SAME_TIME))
+        beside = events[np.minimum(near, len(events) - 1)] if len(events) else np.inf
+        at_points = int(np.sum(np.abs(beside - times) <= _SAME_TIME * spec.duration))
+        scatter = _scatter(curve)
+        is_rough = scatter > spec.accuracy
+        if at_points > len(times) / 2:
+            cure = "smooth the points or give fewer"
+            if kind["type"] != "spline" and not is_rough:
+                cure = 'they lie on a smooth curve, of which type = "spline" has no such jumps'
+            yield (
+                f"{path}: {at_points} of the {steps} steps end at points of its curve, since its "
+                f"derivatives jump there: {cure}"
+            )
+        elif is_rough:
+            yield (
+                f"{path}: its {len(times)} points decide the number of steps, {steps}: they "
+                f"scatter by {100 * scatter:.2g} % of their range; smooth them or give fewer"
+            )
+
+
+def _times_of_points(curve: Piecewise, end: float) -> Array:
+    """Times of the points within the run [s]."""
+    times = curve.knots
+    if curve.period > 0.0:
+        turns = np.arange(-1, min(int(end / curve.period), _MAX_REPETITIONS) + 1)
+        times = np.unique(times[None, :-1] + (turns * curve.period)[:, None])
+    return times[(times > 0.0) & (times < end)]
+
+
+def _scatter(curve: Piecewise) -> float:
+    """Deviation of every second point from a curve through the others, over the range (rms)."""
+    x, y = curve.knots, curve.coefficients[1:, 0]
+    x, y = x[np.isfinite(y)], y[np.isfinite(y)]
+    deviation = CubicSpline(x[::2], y[::2])(x[1::2]) - y[1::2]
+    return float(np.sqrt(np.mean(deviation[1:-1] ** 2)) / (np.ptp(y) or 1.0))

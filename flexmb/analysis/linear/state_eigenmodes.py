@@ -140,7 +140,7 @@ def _clean_eigenvalues(
     """Eigenvalues; those below the round-off of the matrices are set to zero."""
     size = np.abs(shapes)
     mass, damping, stiffness = (np.einsum("ik,ik->k", size, np.abs(matrix) @ size) for matrix in of)
-    limit = _ROUND_OFF * (stiffness / mass + (damping / mass) ** 2 + 10.0 * rate**2)
+    limit = _ROUND_OFF * (stiffness / mass + (damping / mass) ** 2 + 100.0 * rate**2)
     values = np.where(np.abs(values) ** 2 <= limit, 0.0, values)
     noise = np.abs(values.real) <= _NEGLIGIBLE * 100.0 * np.abs(values).max(initial=0.0)
     return np.where(noise, 1j * values.imag, values)

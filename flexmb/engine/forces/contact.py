@@ -98,6 +98,7 @@ CONTACT = np.dtype(
         *FRICTION_FIELDS,
         ("bristle", _I),  # index of the first internal variable of the bristle; -1: no bristle
         ("impacts", _I),  # index of the first number of the records of impacts
+        ("last", _I),  # 1: the last point of its force
     ],
     align=True,
 )
@@ -152,13 +153,13 @@ def _contact_rows(lowering: Lowering, spec: ContactSpec) -> Iterator[tuple[objec
     surface, points, shape = place_sides(lowering, spec)
     J = lowering.markers.add(surface)
     law, friction = normal_parameters(lowering.model, spec), friction_parameters(spec.friction)
-    for point in points:
+    for k, point in enumerate(points, 1):
         I = lowering.markers.add(point)  # noqa: E741
         history, bristle = lowering.add_history(1), -1
         if friction[0] == BRISTLE:
             bristle = lowering.add_history(BALL_HISTORY if shape[1] > 0.0 else POINT_HISTORY)
         impacts = lowering.add_history(IMPACT_HISTORY)
-        yield I, J, *shape, *law, -1, *friction, history, bristle, impacts
+        yield I, J, *shape, *law, -1, *friction, history, bristle, impacts, k == len(points)
 
 
 @unit
@@ -261,6 +262,7 @@ def update_history(run: Run, contacts: Contacts, at: Point) -> int:
     `run.work.now.history` holds those with which the step was made.
     """
     rows, cn, now, history = contacts.rows, contacts.scratch.now[0], run.work.now, run.state.history
+    total = _ZERO
     for k in range(rows.shape[0]):
         c, d = rows[k], evaluate_contact(run, contacts, k)
         o, rate = c["history"], cn["rate"]
@@ -276,7 +278,11 @@ def update_history(run: Run, contacts: Contacts, at: Point) -> int:
         damping = cn["N"] - c["K"] * max(d, 0.0) ** c["n"]
         record_impact(c, d, rate, damping, now.span[0], at.t[0], now.history, history)
         if d > 0.0:
-            history[c["impacts"] + PEAK] = max(history[c["impacts"] + PEAK], cn["N"])
+            total = plus(total, cn["N"], triple(cn["n"]))
+        if c["last"] == 1:
+            peak = math.sqrt(inner(total, total))
+            history[c["impacts"] + PEAK] = max(history[c["impacts"] + PEAK], peak)
+            total = _ZERO
         if c["model"] == BRISTLE:
             mi, mj, n, g = now.marker[c["I"]], now.marker[c["J"]], triple(cn["n"]), triple(cn["g"])
             tilt, a = (

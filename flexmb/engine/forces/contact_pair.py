@@ -22,7 +22,6 @@ which for round contact is (4/3) E* √R. Source: Johnson, Contact Mechanics (19
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from flexmb.engine.algebra.vector import column, cross, inner, plus, put_part, times, triple
@@ -44,7 +43,8 @@ BALL, PLANE, CYLINDER, BORE = 0, 1, 2, 3
 # A blow is an approach much faster than ḋ₀, for which the damping is set, within a contact that
 # lasts. BLOW_WORK, BLOW_SPEED: work of the damping force in blows, J, and largest speed of
 # approach, m/s, during the last contact; HARDEST_WORK, HARDEST_SPEED: the same of the contact with
-# the largest such work so far (`takes_a_blow`). PEAK: largest normal force at the end of a step, N.
+# the largest such work so far (`takes_a_blow`). PEAK: largest normal force at the end of a step, N,
+# of all points together, in the record of the last one.
 IMPACT, ONSET, DEEPEST, FASTEST, REBOUND, BLOW_WORK, BLOW_SPEED = range(7)
 HARDEST_WORK, HARDEST_SPEED, PEAK, IMPACT_HISTORY = range(7, 11)
 # Longest duration of an impact, over (largest depth)/(impact speed). If a contact lasts longer, the
@@ -124,7 +124,7 @@ def put_wrench(c, n, mi, mj, f, w):
 
 def place_sides(
     lowering: Lowering, spec: ContactSpec
-) -> tuple[PlacedMarker, Iterator[PlacedMarker], tuple[int, float, float, float]]:
+) -> tuple[PlacedMarker, list[PlacedMarker], tuple[int, float, float, float]]:
     """Marker of the side J, markers of the side I; kind, both radii, half length of a cylinder.
 
     z of the marker J is the normal of a plane or the axis of a cylinder. The markers of the side I
@@ -134,9 +134,9 @@ def place_sides(
     side, surface, reference = spec.shapes[k], spec.shapes[1 - k], spec.between[1 - k]
     J = lowering.geometry.frames((reference, reference), getattr(surface, "axis", None))[0]
     if side.type == "sphere":
-        points, ri = iter([lowering.geometry.marker(spec.between[k])]), side.radius
+        points, ri = [lowering.geometry.marker(spec.between[k])], side.radius
     else:
-        points, ri = lowering.geometry.contact_points(spec.between[k], side), 0.0
+        points, ri = [*lowering.geometry.contact_points(spec.between[k], side)], 0.0
     if surface.type == "sphere":
         return J, points, (BALL, ri, surface.radius, 0.0)
     if surface.type == "plane":

@@ -32,6 +32,7 @@ from flexmb.fe.meshes.mesh import Mesh, group_centroid
 from flexmb.flexbody.arrays import FloatArray, IntArray, rotation_stiffness
 from flexmb.flexbody.mesh_options import InterfaceOptions, NodeOptions
 from flexmb.flexbody.options import is_number, read_options
+from flexmb.units import say_length, say_place
 
 _WEIGHTS = ("uniform", "area")
 _SHOWN = 8  # number of nodes named in a message
@@ -131,8 +132,8 @@ def select_nodes(mesh: Mesh, where: str, options: NodeOptions) -> tuple[str, Int
         return f'of the group "{options.group}"', mesh.group_nodes(options.group, where)
     if options.center is not None:
         gap = np.linalg.norm(mesh.points - np.array(options.center, dtype=float), axis=1)
-        place = ", ".join(f"{value:g}" for value in options.center)
-        return f"within {options.radius:g} m of ({place})", np.flatnonzero(gap <= options.radius)
+        about = f"within {say_length(options.radius)} of {say_place(options.center, 6)}"
+        return about, np.flatnonzero(gap <= options.radius)
     key, numbers = "nodes", options.nodes
     if numbers is None:
         key, numbers = "node", (options.node,)
@@ -157,7 +158,7 @@ def _no_nodes(fe: FEMatrices, about: str, options: NodeOptions) -> str:
         nodes = fe.numbering.nodes
         gap = np.linalg.norm(fe.mesh.points[nodes] - np.array(options.center), axis=1)
         k = int(np.argmin(gap))
-        what += f"; the nearest is node {nodes[k]}, {gap[k]:.4g} m away"
+        what += f"; the nearest is node {nodes[k]}, {say_length(gap[k], 4)} away"
     return what
 
 

@@ -27,6 +27,7 @@ from flexmb.fe.assembly.interfaces import (
 )
 from flexmb.flexbody.arrays import FloatArray, IntArray, skew, unit_vector
 from flexmb.flexbody.part_options import MOTIONS, SupportOptions
+from flexmb.units import say_length
 
 _PLANE = 1e-6  # of the extent of nodes by which they may leave their plane
 _PARALLEL = 1e-9  # what is left of a unit vector that others span already
@@ -246,8 +247,10 @@ def _normal(where: str, words: SupportOptions, places: FloatArray) -> FloatArray
         normal = unit_vector(words.normal, f"{where}.normal")
         gap = np.ptp(places @ normal)
         if words.type != "sliding" and gap > _PLANE * max(np.ptp(places, axis=0).max(), 1e-300):
-            what = f"the nodes do not lie in one plane across it: they are {gap:.3g} m apart along "
-            what += "it, and a plane of symmetry has no thickness"
+            what = (
+                f"the nodes do not lie in one plane across it: they are {say_length(gap, 3)} apart "
+            )
+            what += "along it, and a plane of symmetry has no thickness"
             raise MeshError.from_problems([Problem(f"{where}.normal", what)])
         return normal
     sizes, V = np.linalg.svd(places - places.mean(axis=0))[1:]

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,12 +21,17 @@ from scipy.spatial.transform import Rotation
 
 from flexmb.errors import nearest
 from flexmb.fe.elements.solid_elements import SOLIDS as SOLID_ELEMENTS
-from flexmb.fe.meshes.deck import OTHER_PARTS, SOLIDS, SURFACES, Deck, among, read_deck, read_real
+from flexmb.fe.meshes.abaqus_sets import Card, Sets, read_cards
+from flexmb.fe.meshes.deck import OTHER_PARTS, SOLIDS, SURFACES, Deck, read_deck, read_real
 from flexmb.flexbody.arrays import FloatArray
 
 ABAQUS = (".inp",)
 """Suffixes of files."""
-_INCLUDE = re.compile(r"^\*INCLUDE\s*,\s*INPUT\s*=\s*([^,\n]+)[^\n]*$", re.M | re.I)
+_INCLUDE = re.compile(  # a card whose lines are in a file; of INCLUDE itself nothing remains
+    r"^(?:\*INCLUDE|(?P<card>\*(?:NODE|ELEMENT|NSET|ELSET|SURFACE)\b[^*\n]*?))"
+    r"\s*,\s*INPUT\s*=\s*(?P<file>[^,\n]+)(?P<rest>[^\n]*)$",
+    re.M | re.I,
+)
 _GENERATORS = ("NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY", "SYSTEM")
 _KINDS = (  # by the first letters of a type and the number of nodes that follows
     (re.compile(r"C3D(\d+)"), SOLIDS),
@@ -58,7 +63,7 @@ def read_abaqus(source: Path) -> Any:
 
 def _read_cards(deck: Deck, text: str) -> Iterator[str]:
     """Read all instances and the assembly; give the other keywords and types of elements."""
-    cards = _cards(text)
+    cards = read_cards(text)
     words = {card.word for card in cards}
     if word := next((word for word in _GENERATORS if word in words), ""):
         raise deck.error(f"*{word} is not read: write all nodes and elements into the deck")
@@ -84,30 +89,6 @@ def _read_cards(deck: Deck, text: str) -> Iterator[str]:
     deck.node_sets, deck.element_sets = whole.nodes.members, whole.elements.members
 
 
-@dataclass
-class _Card:
-    word: str
-    options: dict[str, str]  # in capitals
-    lines: list[str]
-
-    def numbers(self) -> list[str]:
-        return [x for line in self.lines for x in (x.strip() for x in line.split(",")) if x]
-
-
-def _cards(text: str) -> list[_Card]:
-    cards: list[_Card] = []
-    joined = re.sub(r"^(\*[^*\n].*),[ \t]*\n", r"\1, ", text, flags=re.M)
-    for line in joined.splitlines():
-        if line.startswith("*") and not line.startswith("**"):
-            word, *rest = (part.strip() for part in line[1:].split(","))
-            pairs = (part.partition("=") for part in rest if part)
-            options = {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
-            cards.append(_Card(" ".join(word.upper().split()), options, []))
-        elif cards and line.strip() and not line.startswith("**"):
-            cards[-1].lines.append(line)
-    return cards
-
-
 class _Motion(NamedTuple):
     """A translation, and a turn about an axis through a point that follows."""
 
@@ -126,11 +107,11 @@ class _Assembly:
     """The cards of a deck by part, by instance, and the others."""
 
     deck: Deck
-    parts: dict[str, list[_Card]] = field(default_factory=dict)
-    instances: dict[str, list[_Card]] = field(default_factory=dict)  # the first is *INSTANCE
-    cards: list[_Card] = field(default_factory=list)
+    parts: dict[str, list[Card]] = field(default_factory=dict)
+    instances: dict[str, list[Card]] = field(default_factory=dict)  # the first is *INSTANCE
+    cards: list[Card] = field(default_factory=list)
 
-    def divide(self, cards: Iterable[_Card]) -> None:
+    def divide(self, cards: Iterable[Card]) -> None:
         """Sort the cards by where they stand."""
         into = self.cards
         for card in cards:
@@ -144,7 +125,7 @@ class _Assembly:
             else:
                 into.append(card)
 
-    def _check_instance(self, card: _Card) -> None:
+    def _check_instance(self, card: Card) -> None:
         name, part = card.options.get("NAME", ""), card.options.get("PART", "")
         if not name or not part:
             cure = "write its nodes and elements into the deck"
@@ -157,11 +138,11 @@ class _Assembly:
         if name.upper() in map(str.upper, self.instances):
             raise self.deck.error(f'the instance "{name}" is given twice')
 
-    def _part(self, name: str) -> list[_Card] | None:
+    def _part(self, name: str) -> list[Card] | None:
         """The cards of a part; capitals do not matter."""
         return next((part for own, part in self.parts.items() if own.upper() == name.upper()), None)
 
-    def cards_of(self, name: str) -> list[_Card]:
+    def cards_of(self, name: str) -> list[Card]:
         """The cards of an instance: those of its part, and its own."""
         first, *own = self.instances[name]
         return [*(self._part(first.options["PART"]) or ()), *own]
@@ -181,110 +162,13 @@ class _Assembly:
         return _Motion(shift, turn[:3], Rotation.from_rotvec(angle * axis))
 
 
-class _Sets:
-    """Sets of numbers by name, case-insensitive; a second card with the same name adds to the set.
-
-    Numbers of an instance follow those of the instance before, those of the assembly the last one.
-
-    Parameters
-    ----------
-    deck : Deck
-        Whose nodes or elements they are.
-    noun : str
-        Such as ``"node set"``, for messages.
-    present : mapping
-        The nodes or elements of the deck by number.
-    """
-
-    def __init__(self, deck: Deck, noun: str, present: Mapping[int, Any]) -> None:
-        self._deck, self._noun, self._present = deck, noun, present
-        self.members: dict[str, dict[int, None]] = {}
-        self._names: dict[str, str] = {}
-        self._spans: dict[str, tuple[int, int]] = {}  # last number before an instance, and of it
-        self.own = 0  # last number before those without an instance
-
-    def add(self, name: str, numbers: Iterable[int]) -> None:
-        own = self._names.setdefault(name.upper(), name)
-        self.members.setdefault(own, {}).update(dict.fromkeys(numbers))
-
-    def has(self, name: str) -> bool:
-        return name.upper() in self._names
-
-    def of(self, name: str, instance: str = "") -> dict[int, None]:
-        """The members of a set of the instance, or of the deck."""
-        own = self._names.get(f"{instance}.{name}".upper(), self._names.get(name.upper(), ""))
-        return self.members.get(own, {})
-
-    def rename(self, name: str, new: str) -> None:
-        members = self.members.pop(self._names.pop(name.upper()))
-        self.add(new, members)
-
-    def add_instance(self, name: str, own: _Sets) -> int:
-        """Add the sets of an instance; returns the last number before its own."""
-        last = max(self._present, default=0)
-        self.own = last + max(own._present, default=0)
-        self._spans[name.upper()] = last, self.own
-        for set_name, members in own.members.items():
-            self.add(f"{name}.{set_name}", [last + k for k in members if k in own._present])
-        return last
-
-    def of_instance(self, name: str) -> list[int]:
-        """All numbers of an instance."""
-        before, last = self._spans[name.upper()]
-        return [number for number in self._present if before < number <= last]
-
-    def read(self, name: str, card: _Card) -> None:
-        instance = card.options.get("INSTANCE", "")
-        if "GENERATE" in card.options:
-            before, end = self._span(instance)
-            for line in card.lines:
-                first, last, *step = (int(x) for x in line.split(",") if x.strip())
-                numbers = range(before + first, min(before + last, end) + 1, *step)
-                self.add(name, [k for k in among(self._present, numbers) if k > before])
-            return
-        for entry in card.numbers():
-            own = entry.replace('"', "")
-            if self.has(f"{instance}.{own}") or self.has(own):
-                self.add(name, list(self.of(own, instance)))
-            elif own.rpartition(".")[2].lstrip("+-").isdigit():
-                self.add(name, [self.number(own, instance)])
-            else:
-                what = f'the {self._noun} "{name}" has the member "{entry}", which is neither a '
-                raise self._deck.error(f"{what}number nor a set above it")
-
-    def number(self, text: str, instance: str = "") -> int:
-        """The number in the whole deck of an entry such as ``12`` or ``Rod-1.12``."""
-        if "." not in text and not instance:
-            return self.own + int(text)
-        where, _, number = text.replace('"', "").rpartition(".")
-        where = where or instance
-        before, last = self._span(where)
-        if self._spans and not 0 < int(number) <= last - before:
-            what = f'a set or surface names number {number} of the instance "{where}"'
-            raise self._deck.error(f"{what}, which it does not have")
-        return before + int(number)
-
-    def one(self, text: str) -> list[int]:
-        """The number of an element or node, perhaps in an instance, if there is such a one."""
-        number = self.number(text) if text.rpartition(".")[2].isdigit() else 0
-        return [number] if number in self._present else []
-
-    def _span(self, instance: str) -> tuple[int, int]:
-        if not instance or not self._spans:
-            return self.own, max(self._present, default=0)
-        if instance.upper() not in self._spans:
-            what = f'a set or surface names the instance "{instance}", which the deck does not have'
-            raise self._deck.error(what)
-        return self._spans[instance.upper()]
-
-
 class _Part:
     """A part, or the whole deck, with the instances that were added."""
 
     def __init__(self, deck: Deck) -> None:
         self.deck = deck
-        self.nodes = _Sets(deck, "node set", deck.nodes)
-        self.elements = _Sets(deck, "element set", deck.elements)
+        self.nodes = Sets(deck, "node", deck.nodes)
+        self.elements = Sets(deck, "element", deck.elements)
 
     def add_instance(self, name: str, part: _Part, motion: _Motion) -> None:
         """Add a part, moved, with its sets as ``instance.set``."""
@@ -315,7 +199,7 @@ class _Part:
             for name in [name for name in sets.members if name in names - taken]:
                 sets.rename(name, plain[name])
 
-    def read(self, cards: Sequence[_Card], shells: bool) -> Iterator[str]:
+    def read(self, cards: Sequence[Card], shells: bool) -> Iterator[str]:
         """Read nodes, elements, sets and surfaces; give the other keywords and types of elements.
 
         If there are `shells` too, faces of solids are groups of nodes: a section of "all" shells is
@@ -346,7 +230,7 @@ class _Part:
             if not self._read_surface(card, shells):
                 yield card.word
 
-    def _read_nodes(self, card: _Card) -> list[int]:
+    def _read_nodes(self, card: Card) -> list[int]:
         """Read the nodes of a card; returns their numbers."""
         system = card.options.get("SYSTEM", "R").upper()
         if system not in ("R", "C"):
@@ -361,7 +245,7 @@ class _Part:
             self.deck.add_node(numbers[-1], (a, b, c))
         return numbers
 
-    def _read_elements(self, card: _Card) -> Iterator[str]:
+    def _read_elements(self, card: Card) -> Iterator[str]:
         """Read the elements of a card; give its type, for each, if it makes a tie."""
         from meshio._common import num_nodes_per_cell
 
@@ -376,13 +260,17 @@ class _Part:
             what = f"elements of type {card.options['TYPE']} have {step - 1} nodes, but the block "
             raise self.deck.error(f"{what}of element {values[0]} has lines of other lengths")
         numbers = [self.elements.number(number) for number in values[::step] if kind]
+        if not kind:
+            firsts = (line.split(",")[0].strip() for line in card.lines)
+            left_out = (self.elements.number(x) for x in firsts if x.isdigit())
+            self.elements.left_out.update(left_out)
         for k, number in enumerate(numbers):
             row = values[k * step + 1 : (k + 1) * step]
             self.deck.add_element(number, kind, [self.nodes.number(x) for x in row])
         if "ELSET" in card.options:
             self.elements.add(card.options["ELSET"], numbers)
 
-    def _read_surface(self, card: _Card, shells: bool) -> bool:
+    def _read_surface(self, card: Card, shells: bool) -> bool:
         """Make a group of a surface: of faces, sides of shells or nodes; False if it is not read.
 
         Where a set has its name it is ``name.surface``. With `shells`, faces of solids are nodes.
@@ -421,7 +309,7 @@ class _Part:
         return True
 
 
-def _has_shells(deck: Deck, cards: Iterable[_Card]) -> bool:
+def _has_shells(deck: Deck, cards: Iterable[Card]) -> bool:
     """Whether elements of a surface are among the cards."""
     types = {card.options.get("TYPE", "") for card in cards if card.word == "ELEMENT"}
     return any(name and _kind(deck, name.upper()) in SURFACES.values() for name in types)

@@ -129,7 +129,8 @@ def read_deck(
     source : Path
         The file.
     include : re.Pattern
-        A line that names another file, as group 1.
+        A line that names another file, as the group ``file``; of it the groups ``card`` and
+        ``rest`` remain, if there are some.
     read_cards : callable
         Fills the deck from its text; gives the names of the cards that a mesh does not have.
     node_card : str
@@ -191,8 +192,10 @@ def _text(source: Path, include: re.Pattern[str], inside: tuple[Path, ...] = ())
     text = text.replace("\r\n", "\n").replace("\r", "\n")
 
     def included(line: re.Match[str]) -> str:
-        name = line[1].strip().strip("\"'").replace("\\", "/")
-        return _text(inside[0].parent / name, include, inside)
+        groups = line.groupdict()
+        name = groups["file"].strip().strip("\"'").replace("\\", "/")
+        text = _text(inside[0].parent / name, include, inside)
+        return f"{groups['card']}{groups['rest']}\n{text}" if groups.get("card") else text
 
     return include.sub(included, text)
 

@@ -1,9 +1,9 @@
-"""Files of Gmsh in its format 4.1, text or binary: nodes, elements and physical groups.
+"""Files of Gmsh in its formats 4.1 and 4.0, text or binary: nodes, elements and physical groups.
 
 meshio refuses files in which some entities have no physical group (``Mesh.SaveAll``), parametric
 nodes and partitioned meshes; of an entity in several groups without a name it knows the first. So
-this format is read here; older ones are left to meshio. Source: Gmsh reference manual, section MSH
-file format.
+these formats are read here; older ones are left to meshio. Source: Gmsh reference manual, section
+MSH file format.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ import numpy as np
 
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
-_HEAD = re.compile(rb"\s*\$MeshFormat\s+4\.1\s+([01])\s+8\b")
+_HEAD = re.compile(rb"\s*\$MeshFormat\s+4\.([01])\s+([01])\s+8\b")
 _ENTITIES, _PARTITIONS = b"Entities", b"PartitionedEntities"
 
 Tags = dict[tuple[int, int], list[int]]  # physical tags by dimension and tag of an entity
@@ -29,6 +29,7 @@ class _Section:
     """The numbers of one section, read from its begin on."""
 
     data: bytes | FloatArray  # binary, or all numbers of a text
+    old: bool  # format 4.0
     place: int = 0
 
     def _next(self, count: int, kind: str) -> Any:
@@ -56,9 +57,28 @@ class _Section:
     def reals(self, count: int) -> FloatArray:
         return np.asarray(self._next(count, "<f8"), dtype=float)
 
+    def counts(self) -> list[int]:
+        """Blocks, and nodes or elements, at the begin of a section."""
+        return self.sizes(2 if self.old else 4)[:2].tolist()
+
+    def entity(self) -> list[int]:
+        """Dimension and tag of an entity, and a third number."""
+        first, second, third = self.integers(3).tolist()
+        return [second, first, third] if self.old else [first, second, third]
+
+    def nodes(self, count: int, width: int) -> tuple[IntArray, FloatArray]:
+        """Tags, and as many coordinates as `width` of each."""
+        if not self.old:
+            return self.sizes(count), self.reals(count * width).reshape(-1, width)
+        if isinstance(self.data, bytes):
+            rows = self._next(count, f"<i4,({width},)<f8")
+            return rows["f0"].astype(int), rows["f1"]
+        table = self.reals(count * (width + 1)).reshape(-1, width + 1)
+        return table[:, 0].astype(int), table[:, 1:]
+
 
 def read_gmsh(source: Path) -> Any:
-    """The mesh of a file in format 4.1, as one of meshio; None of another format, or of scikit-fem.
+    """The mesh of a file in format 4, as one of meshio; None of another one, or of scikit-fem.
 
     Raises
     ------
@@ -73,23 +93,26 @@ def read_gmsh(source: Path) -> Any:
     head = _HEAD.match(data)
     if head is None or b'"skfem:' in data:
         return None
-    binary = head[1] == b"1"
+    old, binary = head[1] == b"0", head[2] == b"1"
+    if old and b"$" + _ENTITIES not in data:  # meshio writes such files
+        return None
     names = _names(_content(data, b"PhysicalNames"))
     tags: Tags = {}
     for name in (_ENTITIES, _PARTITIONS):
         if content := _content(data, name):
-            _read_entities(_section(content, binary), name == _PARTITIONS, tags)
-    points, tag = _read_nodes(_section(_content(data, b"Nodes"), binary))
+            _read_entities(_section(content, binary, old), name == _PARTITIONS, tags)
+    points, tag = _read_nodes(_section(_content(data, b"Nodes"), binary, old))
     order = np.argsort(tag)
-    section = _section(_content(data, b"Elements"), binary)
+    section = _section(_content(data, b"Elements"), binary, old)
     cells: list[tuple[str, IntArray]] = []
     groups: dict[tuple[int, int], list[int]] = {}
-    blocks, count, _, _ = section.sizes(4).tolist()
+    blocks, count = section.counts()
     for _ in range(blocks):
-        dim, entity, kind = section.integers(3).tolist()
+        dim, entity, kind = section.entity()
         word = _gmsh_to_meshio_type[kind]
         width = num_nodes_per_cell[word] + 1
-        rows = section.sizes(int(section.sizes(1)[0]) * width).reshape(-1, width)[:, 1:]
+        size = int(section.sizes(1)[0]) * width
+        rows = (section.integers(size) if old else section.sizes(size)).reshape(-1, width)[:, 1:]
         place = order[np.searchsorted(tag, rows, sorter=order) % max(len(tag), 1)]
         if (tag[place] != rows).any():
             raise ValueError(f"elements of kind {word} name nodes that are absent")
@@ -117,8 +140,8 @@ def _content(data: bytes, name: bytes) -> bytes:
     return data[begin.end() : end]
 
 
-def _section(content: bytes, binary: bool) -> _Section:
-    return _Section(content if binary else np.array(content.split(), dtype=float))
+def _section(content: bytes, binary: bool, old: bool) -> _Section:
+    return _Section(content if binary else np.array(content.split(), dtype=float), old)
 
 
 def _names(content: bytes) -> dict[tuple[int, int], str]:
@@ -142,7 +165,7 @@ def _read_entities(section: _Section, partitions: bool, tags: Tags) -> None:
             if partitions:
                 section.integers(2)  # the parent
                 section.integers(int(section.sizes(1)[0]))
-            section.reals(3 if dim == 0 else 6)
+            section.reals(3 if dim == 0 and not section.old else 6)
             tags[dim, tag] = np.abs(section.integers(int(section.sizes(1)[0]))).tolist()
             if dim > 0:
                 section.integers(int(section.sizes(1)[0]))
@@ -150,14 +173,13 @@ def _read_entities(section: _Section, partitions: bool, tags: Tags) -> None:
 
 def _read_nodes(section: _Section) -> tuple[FloatArray, IntArray]:
     """Coordinates and tags in the order of the file."""
-    blocks, count, _, _ = section.sizes(4).tolist()
+    blocks, count = section.counts()
     tags, points = [np.zeros(0, int)], [np.zeros((0, 3))]
     for _ in range(blocks):
-        dim, _, parametric = section.integers(3).tolist()
-        number = int(section.sizes(1)[0])
-        tags.append(section.sizes(number))
-        width = 3 + (dim if parametric else 0)
-        points.append(section.reals(number * width).reshape(-1, width)[:, :3])
+        dim, _, parametric = section.entity()
+        tag, table = section.nodes(int(section.sizes(1)[0]), 3 + (dim if parametric else 0))
+        tags.append(tag)
+        points.append(table[:, :3])
     if sum(map(len, tags)) != count:
         raise ValueError("a section ends too early")
     return np.concatenate(points), np.concatenate(tags)

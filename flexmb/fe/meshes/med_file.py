@@ -28,7 +28,7 @@ _TO_VTK = {"hexahedron27": [*range(20), 24, 22, 21, 23, 20, 25, 26]}  # middles 
 
 
 def read_med(source: Path) -> Any:
-    """The mesh of a MED file, as one of meshio.
+    """The mesh of a MED file, as one of meshio; None of one with groups of scikit-fem.
 
     Raises
     ------
@@ -42,6 +42,8 @@ def read_med(source: Path) -> Any:
     with open_of_others(source) as file:
         name = _single(source, file["ENS_MAA"], "meshes")
         mesh = file["ENS_MAA"][name]
+        if any(field.startswith("skfem:") for field in file.get("CHA", ())):
+            return None
         dim = int(mesh.attrs["ESP"])
         families = file["FAS"][name] if name in file.get("FAS", ()) else {}
         if "NOE" not in mesh:

@@ -23,7 +23,7 @@ from flexmb.fe.meshes.damaged_file import damage
 from flexmb.fe.meshes.gmsh_file import read_gmsh
 from flexmb.fe.meshes.med_file import read_med
 from flexmb.fe.meshes.mesh import Mesh, dimension
-from flexmb.fe.meshes.nastran_deck import NASTRAN, read_nastran
+from flexmb.fe.meshes.nastran_deck import is_nastran, read_nastran
 from flexmb.fe.meshes.scikit_fem_mesh import has_skfem_groups, mesh_of_skfem_file
 from flexmb.fe.meshes.vtk_cells import cells_left_out, rename_cells, teach_meshio
 from flexmb.flexbody.arrays import IntArray
@@ -84,7 +84,7 @@ def _read_raw(source: Path) -> Any:
     own, suffix = None, source.suffix.lower()
     if suffix in ABAQUS:
         own = read_abaqus(source)
-    elif suffix in NASTRAN:
+    elif is_nastran(source):
         own = read_nastran(source)
     elif suffix == ".med":
         own = read_med(source)
@@ -124,8 +124,8 @@ def _read_quietly(source: Path) -> Any:
     if source.suffix.lower() not in meshio.extension_to_filetypes:
         raise MeshError(
             f'{source}: no mesh format has the suffix "{source.suffix}"; allowed: .msh (Gmsh), '
-            ".inp (Abaqus), .bdf, .nas, .fem (Nastran), .vtu, .vtk, .med, .xdmf and others of "
-            "meshio; a geometry such as .step or .iges is to be meshed at first"
+            ".inp (Abaqus), .bdf, .nas, .fem, .dat (Nastran), .vtu, .vtk, .med, .xdmf and others "
+            "of meshio; a geometry such as .step or .iges is to be meshed at first"
         )
     raise MeshError(f"{source}: {damage(source, reason)}") from reason
 

@@ -1,7 +1,8 @@
 """Input decks of Nastran: nodes, elements, groups and coordinate systems.
 
 Properties are groups of elements. Nastran has no sets of nodes with names: nodes of rigid elements,
-of boundary degrees of freedom and of supports are groups.
+of boundary degrees of freedom and of supports are groups, and those with permanent constraints by
+their components.
 
 A coordinate system is rectangular, cylindrical or spherical, given by its origin, a point on its z
 axis and one in its xz plane, in another system or by three nodes. Angles are in degrees. Source:
@@ -23,7 +24,8 @@ from flexmb.flexbody.arrays import FloatArray
 
 NASTRAN = (".bdf", ".fem", ".nas")
 """Suffixes of files."""
-_INCLUDE = re.compile(r"^INCLUDE\s+([^\n]+)$", re.M | re.I)
+_BULK = re.compile(rb"^ *(BEGIN +BULK|GRID[ *,])", re.M | re.I)
+_INCLUDE = re.compile(r"^INCLUDE\s+(?P<file>[^\n]+)$", re.M | re.I)
 _KINDS = {  # index of the first node field, and allowed numbers of nodes
     **dict.fromkeys(("CTRIA3", "CTRIAR"), (3, (3,))),
     **dict.fromkeys(("CQUAD4", "CQUADR", "CSHEAR"), (3, (4,))),
@@ -50,6 +52,12 @@ _BOUNDARIES = {  # index of the first node among the fields, and distance to the
 }  # fmt: skip
 _SYSTEMS = ("CORD1R", "CORD1C", "CORD1S", "CORD2R", "CORD2C", "CORD2S")
 _ZERO_SINE = 1e-9  # between the axis and the third point of a system
+
+
+def is_nastran(source: Path) -> bool:
+    """Whether a file is a deck by its suffix, or one ``.dat`` by its text."""
+    suffix = source.suffix.lower()
+    return suffix in NASTRAN or (suffix == ".dat" and bool(_BULK.search(source.read_bytes())))
 
 
 def read_nastran(source: Path) -> Any:
@@ -100,7 +108,8 @@ def _entries(text: str) -> Iterator[list[str]]:
 def _read_cards(deck: Deck, text: str) -> Iterator[str]:
     """Read nodes and elements, properties as groups; give the names of the other entries."""
     entries = [[*entry, *[""] * 8] for entry in _entries(text)]
-    default = next((entry[2] for entry in entries if entry[0] == "GRDSET"), "")
+    defaults = next((entry for entry in entries if entry[0] == "GRDSET"), [""] * 8)
+    default, constraint = defaults[2], defaults[7]
     grids = [entry for entry in entries if entry[0] == "GRID"]
     nodes_as_read = {int(entry[1]): (entry[2] or default, entry[3:6]) for entry in grids}
     systems = _Systems(deck, (e for e in entries if e[0] in _SYSTEMS), nodes_as_read)
@@ -125,7 +134,17 @@ def _read_cards(deck: Deck, text: str) -> Iterator[str]:
         kind = "line" if counts == (2,) else (SOLIDS if solid else SURFACES)[len(nodes)]
         nodes = [nodes[k] for k in _TO_VTK.get(kind, range(len(nodes)))]
         deck.add_element(entry[1], kind, nodes, entry[2] if start == 3 else "")
-    deck.node_sets = _node_groups(entries, deck.nodes)
+    constraints = ((int(entry[1]), int(entry[7] or constraint or 0)) for entry in grids)
+    deck.node_sets = _node_groups(entries, deck.nodes) | _constrained(constraints)
+
+
+def _constrained(constraints: Iterable[tuple[int, int]]) -> dict[str, list[int]]:
+    """Groups of nodes with a permanent constraint, by its components: ``PS:123``."""
+    groups: dict[str, list[int]] = {}
+    for node, components in constraints:
+        if components:
+            groups.setdefault(f"PS:{components}", []).append(node)
+    return groups
 
 
 def _node_groups(

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 from skfem import Mesh as SkfemMesh
+from skfem import MeshWedge1
 
 from flexmb.fe.elements.solid_elements import SOLIDS
 from flexmb.fe.meshes.mesh import Mesh
@@ -31,8 +32,23 @@ def mesh_of_skfem_file(raw: Any, source: str) -> Mesh:
     """The mesh in a file that scikit-fem wrote, from a mesh of meshio."""
     from skfem.io.meshio import from_meshio
 
-    mesh = mesh_from_skfem(from_meshio(raw))
+    is_wedge = [cells.type for cells in raw.cells] == ["wedge"]
+    mesh = mesh_from_skfem(_wedges(raw) if is_wedge else from_meshio(raw))
     return replace(mesh, source=source)
+
+
+def _wedges(raw: Any) -> SkfemMesh:
+    """A mesh of wedges, which scikit-fem writes and does not read."""
+    mesh = MeshWedge1(raw.points.T, raw.cells[0].data.T)
+    bit = 1 << np.arange(len(mesh.t2f))[:, None]
+    groups: dict[str, dict[str, IntArray]] = {"s": {}, "b": {}}
+    for key, data in raw.cell_data.items():
+        if key.startswith(_PREFIX):
+            _, kind, name = key.split(":", 2)
+            digits = np.asarray(data[0], dtype=np.int64)
+            facets = np.unique(mesh.t2f[bit & digits > 0])
+            groups[kind][name] = facets if kind == "b" else np.flatnonzero(digits)
+    return mesh.with_boundaries(groups["b"]).with_subdomains(groups["s"])
 
 
 def mesh_from_skfem(mesh: SkfemMesh) -> Mesh:

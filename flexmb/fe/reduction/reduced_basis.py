@@ -22,6 +22,7 @@ from flexmb.fe.assembly.loads import LoadPattern
 from flexmb.fe.reduction.eigenmodes import SymmetryPlane, mode_signs, polynomial_fields
 from flexmb.flexbody.arrays import FloatArray, IntArray, is_nonzero, skew
 from flexmb.flexbody.parts import ModeInfo
+from flexmb.units import say_place
 
 DIRECTIONS = ("Tx", "Ty", "Tz", "Rx", "Ry", "Rz")
 """Names of the motions of an interface."""
@@ -226,9 +227,9 @@ def moving_nodes(fe: FEMatrices, u: FloatArray) -> str:
     shown = ", ".join(str(node) for node in moving[:_SHOWN])
     more = ", ..." if len(moving) > _SHOWN else ""
     places = fe.mesh.points[moving]
-    low, high = _point_text(places.min(axis=0)), _point_text(places.max(axis=0))
+    low, high = say_place(places.min(axis=0)), say_place(places.max(axis=0))
     many = f"{len(moving)} of {len(nodes)} nodes" if len(moving) > 1 else "one node"
-    return f"{many} ({shown}{more}) between {low} and {high} m; {_hinge(fe, moving)}"
+    return f"{many} ({shown}{more}) between {low} and {high}; {_hinge(fe, moving)}"
 
 
 def _hinge(fe: FEMatrices, moving: IntArray) -> str:
@@ -247,10 +248,6 @@ def _hinge(fe: FEMatrices, moving: IntArray) -> str:
         f"rotations ({shown}): tie these to nodes around them, or let the shells overlap a row of "
         "solids"
     )
-
-
-def _point_text(point: FloatArray) -> str:
-    return "(" + ", ".join(f"{value:.4g}" for value in point) + ")"
 
 
 @dataclass(frozen=True, eq=False)

@@ -105,8 +105,9 @@ class RotationalSpringSpec(JointSpringSpec):
 
 
 class TranslationalSpringSpec(JointSpringSpec):
-    """A spring, damper and actuator on the stroke of a joint; ``spring_force`` is a function of
-    x = stroke - free and replaces the stiffness, ``damper_force`` one of the speed v.
+    """A spring, damper and actuator on the stroke of a joint, the distance from I to J along its
+    axis; ``spring_force`` is a function of x = stroke - free and replaces the stiffness,
+    ``damper_force`` one of the speed v.
     """
 
     type: Literal["translational-spring-damper"]

@@ -38,6 +38,24 @@ def told(model, size, **knobs):
     assert note.startswith("sensors.push: its contact pushes with up to ") and " at most" in note
 
 
+def crate():
+    """The ball as a crate that falls flat on its four corners, each with a quarter of the floor."""
+    model = ball()
+    corners = [[x, y, -0.1] for x in (-0.2, 0.2) for y in (-0.1, 0.1)]
+    del model.forces["floor"]
+    model.add_force(
+        "floor", "contact", between=["ground", "ball"], stiffness=0.25e6, exponent=1.0,
+        restitution=1.0,
+        shapes=[{"type": "plane", "axis": "z"}, {"type": "points", "points": corners}],
+    )  # fmt: skip
+    return model
+
+
+def test_the_peak_of_several_points_together_is_told():
+    told(crate(), 1.0)
+    assert not notes(3000, crate())
+
+
 @pytest.mark.parametrize("method", ["auto", "radau", "generalized-alpha"])
 def test_a_peak_between_outputs_is_told(method):
     told(ball(), 1.0, method=method)

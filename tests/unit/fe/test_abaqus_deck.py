@@ -316,9 +316,31 @@ def test_nodes_of_elements_of_an_instance_and_names_in_quotes(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("rest", "nodes"),
+    [
+        ("*Nset, nset=s, generate\n5, 7, 2\n", [4, 6]),
+        ("*Nset, nset=s\n5, 7\n", [4, 6]),
+        ("*Nset, nset=s\n1,\n", [8]),  # the assembly has a node 1 too
+        ("*Nset, nset=s\ntip\n", [6]),
+        ("*Elset, elset=s\n1,\n", [*range(8)]),
+        ("*Nset, nset=s, elset=Set-1\n", [*range(8)]),
+    ],
+)
+def test_sets_of_the_assembly_without_an_instance_are_of_the_only_one(tmp_path, rest, nodes):
+    assert groups(read(tmp_path, assembly(rest=rest)))["s"] == nodes
+
+
+def test_a_set_of_a_mass_of_the_assembly_is_none_of_an_instance(tmp_path):
+    rest = "*Element, type=MASS, elset=ball\n 1, 1\n*Elset, elset=all\n 1\n"
+    assert groups(read(tmp_path, assembly(TWO, rest))).keys().isdisjoint(["all", "ball"])
+
+
+@pytest.mark.parametrize(
     ("rest", "sentence"),
     [
-        ("*Nset, nset=s\n3\n", 'node set "s" names node 3, which'),
+        ("*Nset, nset=s\n3\n", "node 3, which the assembly does .* INSTANCE=low or INSTANCE=High"),
+        ("*Nset, nset=s, generate\n3, 5\n", 'set "s" names node 3, which .* INSTANCE=low or'),
+        ("*Elset, elset=s, generate\n1, 1\n", 'set "s" names element 1, which the'),
         ("*Element, type=T3D2\n 5, 1, 3\n", "element 5 names node 3, which"),
         ("*Node\n 1, 0., 0., 0.\n", "node 1 is given twice"),
     ],
@@ -336,3 +358,23 @@ def test_many_generated_sets_do_not_each_go_through_all_nodes(tmp_path):
     mesh = read(tmp_path, f"*NODE\n{nodes}*NSET, NSET=some, GENERATE\n{lines}")
     assert process_time() - begin < 5.0
     assert len(mesh.node_sets["some"]) == 12_000
+
+
+@pytest.mark.parametrize(
+    "begin", ["*Node, input=far.txt, nset=all", "*NODE,NSET=all,\n INPUT='far.txt'"]
+)
+def test_lines_of_a_card_in_a_file_are_read(tmp_path, begin):
+    """Only of cards that are read: tables of amplitudes need not be there."""
+    (tmp_path / "far.txt").write_text(
+        "1, 0., 0., 0.\n2, 1., 0., 0.\n3, 0., 1., 0.\n4, 0., 0., 1.\n"
+    )
+    (tmp_path / "solids.txt").write_text("7, 1, 2, 3, 4\n")
+    (tmp_path / "foot.txt").write_text("1, 3\n")
+    text = f"{begin}\n*ELEMENT, TYPE=C3D4, INPUT=solids.txt, ELSET=one\n"
+    text += "*NSET, NSET=foot,INPUT=foot.txt\n"
+    mesh = read(tmp_path, f"{text}*AMPLITUDE, NAME=a, INPUT=missing.txt\n")
+    assert mesh.blocks["tetra"].tolist() == [[0, 1, 2, 3]]
+    assert groups(mesh) == {"one": [0, 1, 2, 3], "all": [0, 1, 2, 3], "foot": [0, 2]}
+    (tmp_path / "foot.txt").unlink()
+    with pytest.raises(MeshError, match="no such file, named by an include of"):
+        read(tmp_path, text)

@@ -1,5 +1,5 @@
-"""Files of Gmsh 4.1 as Gmsh writes them: entities without groups, several groups of one entity,
-parametric nodes, partitions, immense numbers, text and binary."""
+"""Files of Gmsh 4.1 and 4.0 as Gmsh writes them: entities without groups or in several, parametric
+nodes, partitions, immense numbers, text and binary."""
 
 from __future__ import annotations
 
@@ -36,7 +36,9 @@ class Writer:
         self.data += struct.pack(f"<{len(values)}{kind}", *values) if self.binary else text
 
 
-def written(tmp_path, groups, names="", *, binary=False, parametric=0, partitioned=False):
+def written(
+    tmp_path, groups, names="", *, binary=False, parametric=0, partitioned=False, old=False
+):
     """The file; ``groups`` are physical tags by dimension and tag of an entity."""
     entities, nodes, elements = Writer(binary), Writer(binary), Writer(binary)
     if partitioned:
@@ -57,23 +59,27 @@ def written(tmp_path, groups, names="", *, binary=False, parametric=0, partition
             entities.put("i", *own)
         entities.put("Q", 1)
         entities.put("i", 4)
-    nodes.put("Q", 1, len(NODES), 1, 1)
-    nodes.put("i", 2, 1, parametric)
+    small = {tag: tag % 1000 if old else tag for tag in NODES}  # 4.0 has tags of 4 bytes
+    nodes.put("Q", 1, len(NODES), *[1, 1][: 2 - 2 * old])
+    nodes.put("i", *([1, 2] if old else [2, 1]), parametric)
     nodes.put("Q", len(NODES))
-    nodes.put("Q", *NODES)
-    for place in NODES.values():
+    if not old:
+        nodes.put("Q", *NODES)
+    for tag, place in NODES.items():
+        if old:
+            nodes.put("i", small[tag])
         nodes.put("d", *place, *[0.5] * (2 * parametric))
     blocks = [(2, 1, TRIANGLE, FACE), *((3, tag, TETRA, rows) for tag, rows in SOLIDS.items())]
-    elements.put("Q", len(blocks), len(blocks), 1, 1)
+    elements.put("Q", len(blocks), len(blocks), *[1, 1][: 2 - 2 * old])
     for number, (dim, tag, kind, rows) in enumerate(blocks, 1):
-        elements.put("i", dim, tag, kind)
+        elements.put("i", *([tag, dim] if old else [dim, tag]), kind)
         elements.put("Q", len(rows))
         for row in rows:
-            elements.put("Q", number, *row)
+            elements.put("i" if old else "Q", number, *(small[node] for node in row))
     parts = {"Partitioned" * partitioned + "Entities": entities, "Nodes": nodes}
     parts["Elements"] = elements
     mark = struct.pack("<i", 1) + b"\n" if binary else b""
-    data = b"$MeshFormat\n4.1 %d 8\n" % binary + mark + b"$EndMeshFormat\n"
+    data = b"$MeshFormat\n4.%d %d 8\n" % (not old, binary) + mark + b"$EndMeshFormat\n"
     if names:
         data += f"$PhysicalNames\n{len(names.splitlines())}\n{names}$EndPhysicalNames\n".encode()
     for name, part in parts.items():
@@ -97,6 +103,17 @@ def test_elements_without_a_group_do_not_make_a_file_unreadable(tmp_path, binary
     expect_the_two(mesh)
     assert set(mesh.node_sets) == {"der Körper"}
     np.testing.assert_array_equal(mesh.element_sets["der Körper"]["tetra"], [0])
+
+
+@pytest.mark.parametrize("parametric", [0, 1])
+@pytest.mark.parametrize("binary", [False, True])
+def test_files_of_format_4_0_have_the_same(tmp_path, binary, parametric):
+    """Gmsh 4.0 and 4.1 wrote it, and Gmsh writes it with Mesh.MshFileVersion = 4."""
+    options = {"binary": binary, "parametric": parametric, "old": True}
+    mesh = read_mesh(written(tmp_path, {(3, 1): [7, 8], (2, 1): [8]}, '3 7 "body"\n', **options))
+    expect_the_two(mesh)
+    assert set(mesh.node_sets) == {"body", "2:8", "3:8"}
+    np.testing.assert_array_equal(mesh.element_sets["body"]["tetra"], [0])
 
 
 @pytest.mark.parametrize("binary", [False, True])

@@ -267,7 +267,7 @@ def test_a_part_that_hangs_on_an_edge_is_named_by_the_reduction():
     held = {"held": np.flatnonzero(points[first, 0] == 0)}
     fe = assemble(Mesh(points[first], {"tetra10": tets}, held), resolve("steel"))
     interfaces = make_interfaces(fe, {"left": "held"})
-    place = r"of .* nodes .* between \(2, 0, 1\) and \(4, 1, 2\) m"
+    place = r"of .* nodes .* between \(2, 0, 1\) m and \(4, 1, 2\) m"
     with pytest.raises(ReductionError, match=f"{len(one.points) - 3} {place}"):
         craig_bampton(fe, interfaces, 5)
 

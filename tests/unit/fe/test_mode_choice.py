@@ -256,7 +256,7 @@ def test_a_part_that_nothing_holds_is_named():
         craig_bampton(fe, make_interfaces(fe, {"wall": "x0"}), 2)
     sentence = str(told.value)
     assert "with all interfaces held, a part of the mesh still moves freely: 24 of 51" in sentence
-    assert "between (1, 1, 0) and (2, 2, 1) m" in sentence
+    assert "between (1, 1, 0) m and (2, 2, 1) m" in sentence
     with pytest.raises(
         ReductionError, match="the free body has a hinge: besides its motions as a whole"
     ):

@@ -135,6 +135,17 @@ GROUPS = {  # entries, and their groups by the numbers of the deck
 }  # fmt: skip
 
 
+@pytest.mark.parametrize("default", ["", "456"])
+def test_permanent_constraints_of_nodes_are_groups_by_their_components(tmp_path, default):
+    """As Patran and HyperMesh write them: no rotations of solids, or a support."""
+    supports = ["GRID,31,,0.,0.,0.,,123", "GRID,32,,0.,1.,0.,,123", "GRID,33,,0.,2.,0.,,0"]
+    mesh = read(
+        tmp_path, f"GRDSET,,,,,,,{default}", *supports, "GRID,34,,9.,9.,9.", "GRID,35,,0.,5.,0.,,3"
+    )
+    found = {name: mesh.numbers[nodes].tolist() for name, nodes in mesh.node_sets.items()}
+    assert found == {"PS:123": [31, 32], "PS:3": [35]} | ({"PS:456": [34]} if default else {})
+
+
 @pytest.mark.parametrize("entries", GROUPS)
 def test_nodes_of_rigid_elements_boundaries_and_supports_are_groups(tmp_path, entries):
     mesh = read(tmp_path, *GRIDS, *entries.split("\n"))
@@ -176,3 +187,13 @@ def test_an_interface_at_the_reference_of_a_rigid_element(tmp_path):
     moved = part.displacements()[np.isin(part.nodes.ids, [8, 9, 10, 11])].mean(axis=0)
     assert moved[2] == pytest.approx(4e6 * 2 / 2e11, rel=1e-9)
     assert part.reactions["foot"].moment[1] == pytest.approx(-3e3 * 4, rel=1e-9)
+
+
+def test_a_deck_of_nastran_may_end_in_dat(tmp_path):
+    """The suffix is Nastran's own as well as Tecplot's; the text tells which it is."""
+    path = tmp_path / "deck.dat"
+    path.write_text("SOL 103\nCEND\nBEGIN BULK\n" + "\n".join(GRIDS[:4]) + "\nCTETRA,1,1,1,2,3,4\n")
+    assert read_mesh(path).blocks["tetra"].tolist() == [[0, 1, 2, 3]]
+    path.write_text('TITLE = "x"\nVARIABLES = "X", "Y"\n')
+    with pytest.raises(MeshError, match=r"not the \.dat format that its suffix says"):
+        read_mesh(path)

@@ -341,7 +341,7 @@ MESHES = {
 }
 
 
-@pytest.mark.parametrize("suffix", [".vtu", ".vtk", ".msh", ".xdmf"])
+@pytest.mark.parametrize("suffix", [".vtu", ".vtk", ".msh", ".xdmf", ".med"])
 @pytest.mark.parametrize("kind", MESHES)
 def test_a_file_that_scikit_fem_wrote_has_its_groups(tmp_path, kind, suffix):
     """The facets of a boundary are all with their corners on it, a subdomain has its elements."""
@@ -359,3 +359,14 @@ def test_a_file_that_scikit_fem_wrote_has_its_groups(tmp_path, kind, suffix):
     middles = mesh.points[mesh.blocks[kind][rows]].mean(axis=1)
     assert middles[:, 0].max() < 0.5 * far
     assert len(rows) == len(grid.subdomains["left"]) > 0
+
+
+@pytest.mark.parametrize("suffix", [".vtu", ".vtk", ".msh", ".xdmf", ".med"])
+def test_wedges_that_scikit_fem_wrote_have_their_groups(tmp_path, suffix):
+    """scikit-fem itself does not read them."""
+    grid = skfem.MeshWedge1().with_boundaries({"foot": lambda x: x[2] == 0})
+    grid = grid.with_subdomains({"half": np.array([1])})
+    grid.save(tmp_path / f"a{suffix}")
+    mesh = read_mesh(tmp_path / f"a{suffix}")
+    np.testing.assert_array_equal(mesh.group_nodes("foot"), np.flatnonzero(mesh.points[:, 2] == 0))
+    np.testing.assert_array_equal(mesh.group_elements("half")["wedge"], [1])

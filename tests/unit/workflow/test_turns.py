@@ -96,8 +96,36 @@ def test_the_sensor_of_an_equilibrium_has_the_turns_of_its_spring():
     made.add_sensor("torque", "reaction", force="coil", quantity="moment")
     root = brentq(lambda x: 9.81 * math.sin(x) + x - 6.0, 6.0, 6.5, xtol=1e-14)
     found = [one.channels(["turn", "torque.z"]) for one in flexmb.equilibria(made)]
-    [wound] = [one for one in found if one[0] > 4.0]
+    [wound] = [one for one in found if 6.0 < one[0] < 6.5]
     np.testing.assert_allclose(wound, [root, 6.0 - root], rtol=1e-9)
+
+
+def test_a_pendulum_hangs_on_a_coil_spring_that_is_wound_several_times():
+    """m g l sin x + k x = 0 has 13 roots; half of them beyond a turn."""
+    made = Model("pendulum", gravity=[0, -9.81, 0])
+    made.add_body("bob", mass=1.0, center=[0, -1, 0], inertia=[0.01, 0.01, 0.01])
+    made.add_joint("pin", "revolute", between=["ground", "bob"], axis="z")
+    made.add_force("coil", "rotational-spring-damper", joint="pin", stiffness=0.05 * 9.81)
+    made.add_sensor("turn", "angle", joint="pin")
+    grid = np.linspace(-25.0, 25.01, 2000)
+    values = np.sin(grid) + 0.05 * grid
+    roots = [
+        brentq(lambda x: math.sin(x) + 0.05 * x, grid[k], grid[k + 1], xtol=1e-14)
+        for k in np.flatnonzero(values[:-1] * values[1:] < 0.0)
+    ]
+    found = sorted(one.channels(["turn"])[0] for one in flexmb.equilibria(made, starts=120))
+    np.testing.assert_allclose(found, roots, atol=1e-7)
+    assert len(roots) == 13
+
+
+def test_turns_of_a_wheel_without_a_spring_are_one_equilibrium():
+    """A stop counts the turns of the wheel, but does not act; a spring holds the other body."""
+    made = Model("wheel", gravity=[0, -9.81, 0])
+    made.add_body("wheel", mass=1.0, center=[0, -0.1, 0], inertia=[0.01, 0.01, 0.02])
+    made.add_joint("axle", "revolute", between=["ground", "wheel"], axis="z")
+    made.add_force("stop", "rotational-stop", joint="axle", upper=100.0, stiffness=1.0)
+    found = flexmb.equilibria(made)
+    assert len(found) == 2  # hanging, and upright
 
 
 def test_second_angles_and_strokes_have_counters_of_their_own():
