@@ -13,8 +13,8 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "files": 383,
-    "lines": 101_950,
+    "files": 384,
+    "lines": 102_050,
     "participles": 30,
     "base names of three and more files": 0,
     _ALL: 0,
