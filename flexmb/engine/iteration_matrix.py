@@ -54,8 +54,12 @@ _UNSYMMETRIC_ABOVE = 0.2
 _FAIL_ABOVE = 0.9
 _REDUNDANT_PIVOT = 1e-7  # pivot of a redundant row over that without other rows, at most
 _INDEPENDENT_PIVOT_RATIO = 1e6  # pivot of an independent row over its regularisation, at least
-# Self-stress: the acceleration that it may cause, over that of its largest force; refinements.
-_SELF_STRESS_TOLERANCE, _REFINEMENTS = 1e-10, 2
+# Refinements: most of them; ratio of successive changes above which more do not help; change over
+# the largest acceleration that is round-off.
+_MAX_REFINEMENTS, _SLOW_REFINEMENT, _REFINED = 30, 0.9, 1e-13
+# Self-stress: the acceleration that it may cause, over that of its largest force; regularisation
+# over ε.
+_SELF_STRESS_TOLERANCE, _SELF_STRESS_REGULARISATION = 1e-10, 1e5
 # Regularisation of a row times the largest mass that the row constrains, over `REGULARISATION`:
 # above, the joint would yield to the load of that mass.
 _UNEVEN_FACTOR = 1e5
@@ -307,14 +311,37 @@ def has_dependent_rows(fac, redundant):
 
 
 @unit
+def solve_motion(run: Run) -> int:
+    """fac.sol = S⁻¹ fac.rhs, refined until the coordinates no longer change.
+
+    A round reduces the error of nearly dependent rows by their pivot over the regularisation.
+    """
+    fac, kkt, weights = run.work.factor, run.system.kkt, run.system.weights
+    place, last = kkt.place, math.inf
+    ldl.solve_refined(kkt, fac, 1)
+    for _ in range(_MAX_REFINEMENTS):
+        ldl.refine(kkt, fac)
+        change, size = 0.0, 0.0
+        for i in range(weights.shape[0]):
+            k = place[i]
+            change = max(change, abs(fac.tmp[k]) * weights[i])
+            size = max(size, abs(fac.sol[k]) * weights[i])
+        if change <= _REFINED * size or change >= _SLOW_REFINEMENT * last:
+            break
+        last = change
+    return SUCCESS
+
+
+@unit
 def remove_self_stress(run: Run, at: Point, cp: float) -> int:
     """Remove the self-stress of redundant constraints from λ, after `accelerations` with this cp.
 
     Self-stress is s with Cqᵀ s = 0. Of all solutions `accelerations` gives that of least norm in
-    M + cp ∂F/∂q, which changes with step and pose. With M alone, [[M, Cqᵀ], [Cq, 0]] (x; λ) =
-    (Cqᵀ λ₀; 0) gives the same λ in all. If x is not zero, the rows are independent: λ₀ is kept.
+    M + cp ∂F/∂q, which changes with step and pose, and round-off over ε of self-stress. With M
+    alone, [[M, Cqᵀ], [Cq, 0]] (x; λ) = (Cqᵀ λ₀; 0) gives the same λ in all; with a larger ε its
+    round-off is less. If x is not zero, the rows are independent: λ₀ is kept.
     """
-    fac, kkt, lam, weights = run.work.factor, run.system.kkt, at.lam, run.system.weights
+    fac, kkt, lam, eps = run.work.factor, run.system.kkt, at.lam, run.work.factor.eps
     place, nv = kkt.place, at.vd.shape[0]
     if fac.replaced[0] != 0 or not has_dependent_rows(fac, 0.0):
         return SUCCESS
@@ -326,16 +353,33 @@ def remove_self_stress(run: Run, at: Point, cp: float) -> int:
     ldl.multiply(kkt, fac, fac.sol, fac.rhs)
     for i in range(lam.shape[0]):
         fac.rhs[place[nv + i]] = 0.0
-    ldl.solve_refined(kkt, fac, _REFINEMENTS)
-    moved, most = 0.0, 0.0
-    for i in range(nv):
-        k = place[i]
-        moved = max(moved, abs(fac.sol[k]) * weights[i])
-        most = max(most, abs(fac.rhs[k]) / fac.diagonal[k] * weights[i])
-    if moved <= _SELF_STRESS_TOLERANCE * most:
-        for i in range(lam.shape[0]):
-            lam[i] = fac.sol[place[nv + i]]
+    for change in (-_SELF_STRESS_REGULARISATION, 1.0 - 1.0 / _SELF_STRESS_REGULARISATION):
+        for k in range(eps.shape[0]):
+            fac.sol[k] = change * eps[k]
+        if _factor_again(kkt, fac) == 0 and _is_self_stress_removed(run, nv):
+            for i in range(lam.shape[0]):
+                lam[i] = fac.sol[place[nv + i]]
+            break
     return SUCCESS
+
+
+@kernel
+def _is_self_stress_removed(run, nv):
+    """Solve for (x; λ) of `remove_self_stress`; whether x became zero."""
+    fac, kkt, weights = run.work.factor, run.system.kkt, run.system.weights
+    place, most, last = kkt.place, 0.0, math.inf
+    for i in range(nv):
+        most = max(most, abs(fac.rhs[place[i]]) / fac.diagonal[place[i]] * weights[i])
+    ldl.solve_refined(kkt, fac, 0)
+    for _ in range(_MAX_REFINEMENTS):
+        ldl.refine(kkt, fac)
+        moved = 0.0
+        for i in range(nv):
+            moved = max(moved, abs(fac.sol[place[i]]) * weights[i])
+        if moved >= _SLOW_REFINEMENT * last:
+            break
+        last = moved
+    return last <= _SELF_STRESS_TOLERANCE * most
 
 
 @kernel

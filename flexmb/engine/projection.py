@@ -14,7 +14,7 @@ import math
 
 from flexmb.engine.algebra.ldl import multiply, solve, solve_refined
 from flexmb.engine.algebra.vector import copy, largest, weighted_max, zero
-from flexmb.engine.bodies.motion import RELATIVE_ROUND_OFF, move, put_q_round_off
+from flexmb.engine.bodies.motion import RELATIVE_ROUND_OFF, is_round_off, move, put_q_round_off
 from flexmb.engine.bodies.static_modes import STATIC_TOLERANCE
 from flexmb.engine.equations_of_motion import (
     bias_stage,
@@ -27,14 +27,13 @@ from flexmb.engine.equations_of_motion import (
     run_stage,
     velocity_stage,
 )
-from flexmb.engine.iteration_matrix import factorise, has_dependent_rows, permute
+from flexmb.engine.iteration_matrix import factorise, has_dependent_rows, permute, solve_motion
 from flexmb.engine.jit import Vector, call_value, kernel, unit
 from flexmb.engine.joints.constraint import constraint_right_side
 from flexmb.engine.method import NO_LOOP_CONVERGENCE, NOT_FINITE, SELF_LOCKING, SUCCESS
 from flexmb.engine.state import Point, Run
 
 _MAX_ROUNDS = 3  # Newton corrections of a projection
-_REFINEMENTS = 2  # iterative refinements of a solve with ill-conditioned rows
 # Pivot of a row over its regularisation, above which one refinement leaves only round-off.
 _WELL_CONDITIONED_PIVOT = 1e7
 # Forces that depend on accelerations or reactions (an algebraic loop): most iterations, and the
@@ -43,8 +42,9 @@ _MAX_LOOP_ROUNDS, _LOOP_TOLERANCE = 100, 1e-12
 # Iteration of quasi-static modes: after this many rounds the tolerance doubles with each round (a
 # slowly converging iteration reaches its round-off); largest tolerance.
 _STRICT_ROUNDS, _MAX_STATIC_TOLERANCE = 20, 1e-8
-# Correction of positions over the size of the model that is round-off.
-_POSITION_ROUND_OFF = 1e-13
+# Correction of positions that is round-off: over the size of the model, and over the round-off of
+# its own part.
+_POSITION_ROUND_OFF, _ROUND_OFF_OF_PART = 1e-13, 50.0
 # Correction of positions, over the size of the model, from which on the factor of the old pose is
 # not used: with it redundant rows would get reactions.
 _SAME_POSE_DISTANCE = 1e-12
@@ -128,7 +128,7 @@ def project_positions(run: Run, at: Point, rounds: int) -> float:
         move(parts, at.q, dq, at.q)
         moved = weighted_max(dq, weights)
         first = moved if n == 0 else first
-        if moved <= _POSITION_ROUND_OFF:
+        if moved <= _POSITION_ROUND_OFF and is_round_off(run, dq, _ROUND_OFF_OF_PART):
             break
         position_stage(run, at)
     return first
@@ -339,7 +339,10 @@ def _solve(run: Run, at: Point, cp: float) -> int:
     if run.settings.static_after_step == 1:
         for i in range(nv):
             fac.rhs[place[i]] += run.work.trial.mode_force[i]
-    solve_refined(kkt, fac, 1 if _is_well_conditioned(fac) else _REFINEMENTS)
+    if _is_well_conditioned(fac):
+        solve_refined(kkt, fac, 1)
+    else:
+        solve_motion(run)
     for i in range(nv):
         vd[i] = fac.sol[place[i]]
     for i in range(lam.shape[0]):

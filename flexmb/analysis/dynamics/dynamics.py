@@ -42,6 +42,7 @@ from flexmb.analysis.dynamics.reached_accuracy import (
     steps_at_points,
 )
 from flexmb.analysis.dynamics.run_settings import loop_settings, time_grid, why_implicit
+from flexmb.analysis.dynamics.short_pulses import missed_pulses
 from flexmb.analysis.dynamics.validity import ValidityMonitor
 from flexmb.analysis.failure_messages import failure_sentence, gaps_at, open_joint
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
@@ -139,6 +140,9 @@ def prepare_dynamics(
         change = f"from {spec.step:g} s to {grid.step:.6g} s"
         end = "the end" if isinstance(spec.outputs, tuple) else "the outputs"
         notes.append(f"step shortened {change} to meet {end}")
+    if grid.step:
+        halved = bool(spec.verify)
+        notes += missed_pulses(compiled, integrator, grid.step, spec.duration, halved, model.units)
     return prepared_run(
         compiled, model, name, assembled.state, settings, timer=timer, notes=tuple(notes),
         not_unique=not_unique, dampings=tuple(assembled.dampings),

@@ -89,9 +89,12 @@ class StepHalving:
 
     @property
     def _order(self) -> int:
-        """The order of the method, 1 where forces may jump within a step."""
-        system = self.run.compiled.system
-        jumps = len(system.time_events) or system.events
+        """The order of the method, 1 where forces of the motion may jump within a step.
+
+        Not where functions of time jump: of 24 runs across such a jump, 2 report less than half of
+        the error and 3 more than three times it with the order of the method; with 1 none and 9.
+        """
+        jumps = self.run.compiled.system.events
         return 1 if jumps else int(self.run.method.order)
 
     @property

@@ -222,16 +222,23 @@ def _multiply(panels, rows_of, L, U, eps, x, y):
 @unit
 def solve_refined(kkt: Kkt, fac: Factor, rounds: int) -> int:
     """fac.sol = S⁻¹ fac.rhs, with iterative refinement by the matrix without regularisation."""
-    rhs, x, tmp = fac.rhs, fac.sol, fac.tmp
-    copy(rhs, x)
-    solve(kkt, fac, x)
+    copy(fac.rhs, fac.sol)
+    solve(kkt, fac, fac.sol)
     for _ in range(rounds):
-        multiply(kkt, fac, x, tmp)
-        for i in range(rhs.shape[0]):
-            tmp[i] = rhs[i] - tmp[i]
-        solve(kkt, fac, tmp)
-        for i in range(rhs.shape[0]):
-            x[i] += tmp[i]
+        refine(kkt, fac)
+    return SUCCESS
+
+
+@unit
+def refine(kkt: Kkt, fac: Factor) -> int:
+    """One round of iterative refinement of fac.sol = S⁻¹ fac.rhs."""
+    rhs, x, tmp = fac.rhs, fac.sol, fac.tmp
+    multiply(kkt, fac, x, tmp)
+    for i in range(rhs.shape[0]):
+        tmp[i] = rhs[i] - tmp[i]
+    solve(kkt, fac, tmp)
+    for i in range(rhs.shape[0]):
+        x[i] += tmp[i]
     return SUCCESS
 
 

@@ -203,6 +203,15 @@ def max_over_round_off(run, dq):
 
 
 @kernel
+def is_round_off(run, dq, times):
+    """Whether dq (nv) is at most `times` the round-off of corrections at the first pose."""
+    places, weights, within = run.state.first_round_off, run.system.weights, True
+    for i in range(dq.shape[0]):
+        within = within and abs(dq[i]) * weights[i] <= times * places[0, i]
+    return within
+
+
+@kernel
 def hermite(s, h, y0, y1, d0, d1):
     """Value and rate at the share s of a step h of the cubic with values y and rates d."""
     a, b = y1 - y0, h * d0

@@ -1,0 +1,119 @@
+"""Pulses of functions of time that fixed steps miss.
+
+A fixed step does not end at events. A pulse that begins and ends between two times at which the
+steps evaluate functions has no effect, neither with steps nor with half of them, so that no
+difference of the two shows it. In: compiled functions, method and step. Out: sentences.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from flexmb.engine.compile import Compiled
+from flexmb.engine.method import Method
+from flexmb.flexbody.arrays import Array
+from flexmb.model.functions.derivatives import Program, evaluate
+from flexmb.model.functions.discontinuities import brief_changes, derivative_jumps, switch_times
+from flexmb.units import UnitSystem
+
+# Least height of a missed pulse over the range of its function; least area over that of the
+# function.
+_MIN_HEIGHT, _MIN_AREA = 0.05, 1e-6
+_INNER = np.array([1e-6, 0.25, 0.5, 0.75, 1.0 - 1e-6])  # places between two events
+_GRID_INTERVALS = 500  # of the run, for range and area of a function
+_MAX_PAIRS = 500  # most pairs of neighbouring events that are examined
+_STEPS_OF_PULSE = 4.0  # advised steps in a pulse
+_MAX_TEXT = 60  # characters of a function in a sentence
+
+
+class Pulse(NamedTuple):
+    """A pulse between the stages of fixed steps."""
+
+    begin: float  # s
+    end: float  # s
+    area: float  # height times duration
+
+
+def missed_pulses(
+    compiled: Compiled, integrator: Method, step: float, duration: float, halved: bool,
+    units: UnitSystem,
+) -> Iterator[str]:  # fmt: skip
+    """A sentence on each function of time with pulses that fixed steps miss.
+
+    Parameters
+    ----------
+    step, duration : float
+        Of the run [s].
+    halved : bool
+        Whether half steps measure the error.
+    """
+    stages = stage_times(integrator, halved)
+    for program in compiled.functions:
+        if program.channels or program.constant is not None:
+            continue
+        pulses = pulses_between_stages(program.ops, step * stages, step, duration)
+        if not pulses:
+            continue
+        first, text = pulses[0], program.text
+        text = text if len(text) <= _MAX_TEXT else f"{text[:_MAX_TEXT]}..."
+        length = min(one.end - one.begin for one in pulses)
+        more, them = (f" and {len(pulses) - 1} others", "them") if pulses[1:] else ("", "it")
+        half = " and half of them" if halved else ""
+        yield (
+            f'"{text}" has a pulse of {units.say(first.end - first.begin, "s", 2)} at '
+            f"t = {units.say(first.begin, 's', 4)}{more} between the times at which steps of "
+            f"{units.say(step, 's', 3)}{half} evaluate it, so that the run misses {them}: take "
+            f"steps of {units.say(length / _STEPS_OF_PULSE, 's', 1)}, or leave out dynamics.step, "
+            "as controlled steps end at pulses"
+        )
+
+
+def stage_times(integrator: Method, halved: bool) -> Array:
+    """Times (n,) at which a step evaluates functions, over the step, from 0 to 1."""
+    coefficients, stages = integrator.coefficients[0], integrator.stages
+    own = np.array([1.0])
+    if integrator.collocation or stages:
+        own = np.asarray(coefficients.c)[: stages or integrator.collocation]
+    if halved:
+        own = np.concatenate([own, 0.5 * own, 0.5 + 0.5 * own])
+    return np.unique(np.concatenate([[0.0], own, [1.0]]))
+
+
+def pulses_between_stages(ops: Program, stages: Array, step: float, duration: float) -> list[Pulse]:
+    """Pulses of a function of time between the times k `step` + `stages` [s], in order."""
+    program = tuple(ops)
+    times = {*derivative_jumps(program, duration, derivatives=3)}
+    times |= {*switch_times(program, duration), *brief_changes(program, duration)}
+    events = np.array(sorted(times))
+    close = np.flatnonzero(np.diff(events) < step)[:_MAX_PAIRS]
+    if len(close) == 0:
+        return []
+
+    def values(at: Array) -> Array:
+        return np.array([evaluate(program, float(t))[0] for t in at])
+
+    grid = np.linspace(0.0, duration, _GRID_INTERVALS + 1)
+    everywhere = np.union1d(grid, events)
+    levels = values(everywhere)
+    inner = events[close, None] + np.diff(events)[close, None] * _INNER
+    heights = values(inner.ravel()).reshape(inner.shape)
+    size = float(np.ptp(np.concatenate([levels, heights.ravel()])))
+    pulses: list[Pulse] = []
+    for k, own in zip(close, heights, strict=True):
+        begin, end = float(events[k]), float(events[k + 1])
+        at = np.arange(np.floor(begin / step), np.floor(end / step) + 1)
+        visible = values((at[:, None] * step + stages).ravel())
+        height = max(float(own.max() - visible.max()), float(visible.min() - own.min()))
+        if height <= _MIN_HEIGHT * size:
+            continue
+        area = height * (end - begin)
+        if pulses and pulses[-1].end == begin:
+            begin, area = pulses[-1].begin, area + pulses.pop().area
+        pulses.append(Pulse(begin, end, area))
+    least = _MIN_AREA * sum(0.5 * (a + b) * dt for (a, b), dt in zip(
+        pairwise(np.abs(levels)), np.diff(everywhere), strict=True))  # fmt: skip
+    return [one for one in pulses if one.area > least]

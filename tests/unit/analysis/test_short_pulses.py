@@ -1,0 +1,67 @@
+"""Pulses that fixed steps and half steps miss are told; what they see is not."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+
+import flexmb
+from flexmb.errors import FlexmbWarning
+from flexmb.model import Model
+
+METHODS = ("generalized-alpha", "radau", "explicit-rk")
+RISE = "(step(t, 0.6, 0, 0.6001, 1) - step(t, 0.6002, 0, 0.6003, 1))"
+NEEDLE = [[0, 0], [0.601, 0], [0.6015, 1], [0.602, 0], [1, 0]]
+NOISE = np.random.default_rng(1).normal(size=401)
+
+
+def hit(force, **knobs):
+    """Notes of a run of a free body of 2 kg on which a force acts, and its last velocity."""
+    made = Model("hit")
+    made.add_body("b", mass=2, inertia=[1, 1, 1])
+    made.add_force("push", "force", at="b", value=[force, 0, 0])
+    made.add_sensor("b", "velocity", of="b")
+    with warnings.catch_warnings(action="ignore", category=FlexmbWarning):
+        found = flexmb.simulate(made, duration=1.0, outputs=10, **knobs)
+    return [note for note in found.notes if "pulse" in note], found["b.x"][-1]
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("verify", [False, True])
+@pytest.mark.parametrize(
+    "force", [f"30*{RISE}", "30*exp(-((t - 0.6037)/2e-5)**2)", {"type": "table", "points": NEEDLE}]
+)
+def test_a_pulse_between_the_stages_is_told(force, method, verify):
+    """The body stays where it is, to the last bit: a half step sees no more."""
+    step = 0.02
+    (note,), speed = hit(force, method=method, step=step, verify=verify)
+    assert abs(speed) < 1e-9
+    assert ("and half of them" in note) == verify
+    assert "steps of 0.02 s" in note and "at t = 0.6" in note and "misses it" in note
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("force", [
+    "30*step(t, 0.603, 0, 0.604, 1)",  # stays
+    "30*(step(t, 0.6, 0, 0.61, 1) - step(t, 0.65, 0, 0.66, 1))",  # wide
+    "30*abs(sin(7*t))", "30*sin(50*t)", "3", "30*max(sin(9*t), 0.2)",
+    {"type": "table", "points": [[t, np.sin(5 * t)] for t in np.linspace(0, 1, 401).tolist()]},
+    {"type": "spline", "points": [[t, np.sin(5 * t)] for t in np.linspace(0, 1, 401).tolist()]},
+])  # fmt: skip
+def test_what_the_steps_see_is_not_told(force, method):
+    assert hit(force, method=method, step=0.01, verify=True)[0] == []
+
+
+def test_controlled_steps_end_at_pulses():
+    """By hand: 30 N for 0.2 ms."""
+    told, speed = hit(f"30*{RISE}", accuracy=1e-6)
+    assert told == [] and speed == pytest.approx(30 * 2e-4 / 2, rel=1e-6)
+
+
+def test_many_pulses_are_one_sentence():
+    table = {"type": "table", "points": np.column_stack([np.linspace(0, 1, 401), NOISE]).tolist()}
+    (note,), _ = hit(table, method="generalized-alpha", step=0.02)
+    assert "others between the times" in note and "misses them" in note
+    assert len(note) < 400
