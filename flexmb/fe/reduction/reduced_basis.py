@@ -60,6 +60,8 @@ class ReducedBasis:
         residual vectors of inertia loads, if the basis has such vectors.
     omitted : (n, o) float, optional
         The lowest of the modes that the basis omits.
+    accelerations : (n, k) float, optional
+        Static responses of the full model to unit accelerations of these coordinates.
     """
 
     basis: FloatArray
@@ -75,6 +77,7 @@ class ReducedBasis:
     inertia: FloatArray | None = None
     without: tuple[FloatArray, FloatArray] | None = None
     omitted: FloatArray | None = None
+    accelerations: FloatArray | None = None
 
     def columns(self, *kinds: str) -> FloatArray:
         """(k,) bool, which columns are of these kinds."""
