@@ -122,7 +122,7 @@ def frame_at_interface(body: FlexBody, name: str) -> FlexBody:
     omitted = body.omitted_modes
     if omitted is not None:
         rigid = np.vstack([shift + np.cross(turn.T, body.center).T, turn])
-        omitted = replace(omitted, modes=omitted.modes + omitted.inertia[:, :6] @ rigid)
+        omitted = omitted.in_coordinates(np.eye(body.m), rigid)
     return replace(
         body, **fields, interfaces=in_frame(body.interfaces), nodes=nodes, surface=surface,
         loads=loads, omitted_modes=omitted,

@@ -256,9 +256,9 @@ def damping_ratios(D: FloatArray, vibrations: Vibrations) -> FloatArray:
     """
     omega, C = vibrations.omega, vibrations.eta.T @ D @ vibrations.eta
     own = 0.5 * np.diag(C) / omega
-    size = np.sqrt(np.outer(np.diag(C), np.diag(C)).clip(0.0))
-    k = len(omega)
-    if not np.any(np.abs(C - np.diag(np.diag(C))) > _COUPLED * np.maximum(size, size.max() * 1e-9)):
+    size, k = np.sqrt(np.outer(np.diag(C), np.diag(C)).clip(0.0)), len(omega)
+    least = 1e-9 * size.max(initial=0.0)
+    if not np.any(np.abs(C - np.diag(np.diag(C))) > _COUPLED * np.maximum(size, least)):
         return np.asarray(own)
     # states (ω x, ẋ), scaled so that the entries of the matrix are comparable
     A = np.block([[np.zeros((k, k)), np.diag(omega)], [-np.diag(omega), -C]])

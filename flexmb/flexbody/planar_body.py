@@ -329,8 +329,8 @@ def combine_modes(body: FlexBody, Z: FloatArray) -> FlexBody:
             replace(load, modal=load.modal @ Z, points=_combine_points(load.points, Z))
             for load in body.loads
         ),
-        omitted_modes=None if omitted is None else replace(omitted, modes=omitted.modes @ Z),
         membrane_stiffness=membrane,
+        omitted_modes=None if omitted is None else omitted.in_coordinates(Z),
         **_combine_recovery(body, Z),
     )
 

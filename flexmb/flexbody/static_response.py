@@ -9,7 +9,7 @@ motion and the loads of the body drive.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -151,19 +151,36 @@ class OmittedModes:
         Force per unit acceleration of the modal coordinates.
     loads : (o, l) float
         Force per unit of the 6 r loads of :class:`LoadResponse`; l = 0 without load nodes.
+    rest : (12 + m, 12 + m) float, optional
+        x^T rest x is twice the strain energy of the static response to accelerations x, the twelve
+        numbers and those of the modal coordinates, that neither the modes nor these o modes have.
     """
 
     frequency: FloatArray
     inertia: FloatArray
     modes: FloatArray
     loads: FloatArray
+    rest: FloatArray | None = None
 
     def __post_init__(self) -> None:
         check = Checker("omitted modes")
         shapes = {"frequency": (None,), "inertia": (None, 12), "modes": (None, None)}
         for name, shape in {**shapes, "loads": (None, None)}.items():
             object.__setattr__(self, name, check.floats(name, getattr(self, name), shape))
+        if self.rest is not None:
+            n = 12 + self.modes.shape[1]
+            object.__setattr__(self, "rest", check.floats("rest", self.rest, (n, n)))
         check.raise_problems()
+
+    def in_coordinates(self, Z: FloatArray, rigid: FloatArray | None = None) -> OmittedModes:
+        """The same for modal coordinates Z (m, k), in a frame that moves by rigid (6, k)."""
+        T = np.zeros((12 + Z.shape[0], 12 + Z.shape[1]))
+        T[:12, :12], T[12:, 12:] = np.eye(12), Z
+        if rigid is not None:
+            T[:6, 12:] = rigid
+        modes = np.hstack([self.inertia, self.modes]) @ T[:, 12:]
+        rest = None if self.rest is None else T.T @ self.rest @ T
+        return replace(self, modes=modes, rest=rest)
 
 
 def load_nodes(modes: NodeModes | None, points: Sequence[int | Sequence[float]]) -> list[int]:

@@ -29,6 +29,7 @@ from scipy.linalg import block_diag
 
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, n_free
 from flexmb.analysis.assembly.mechanism_modes import MechanismModes
+from flexmb.analysis.dynamics.frequency_error import FrequencyErrorMonitor
 from flexmb.analysis.dynamics.kinked_functions import AT_ONCE, kinked_functions
 from flexmb.analysis.dynamics.linear_elasticity import (
     LinearElasticityMonitor,
@@ -102,6 +103,7 @@ class ValidityMonitor:
                 *((self._inertia,) if self._inertia else ()),
                 self._basis,
                 *((OmittedVibrationMonitor(compiled, model, q),) if is_motion else ()),
+                *((FrequencyErrorMonitor(compiled, model),) if is_motion else ()),
             )
         self._notes = (
             *loads_without_stiffening(compiled, model),

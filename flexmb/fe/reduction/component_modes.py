@@ -21,6 +21,7 @@ Sources: MacNeal (1971), Computers and Structures 1; Rubin (1975), AIAA Journal 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 from scipy.linalg import block_diag, eigh
@@ -138,6 +139,7 @@ def craig_bampton(
         without = with_residual_vectors(fe, (omega2, V), responses)
         responses = np.concatenate([responses, inertia_responses(fe, inertia, mirror)], axis=1)
     stiff, U = residual_vectors(fe, responses, V)
+    swings = [fixed.solve(fe.M @ fixed.modes), V / omega2, fixed.solve(fe.M @ U)]
     kind = residual_kind(loads, residual)
     progress("modes", 1.0)
     basis = np.concatenate([fixed.modes, V, U], axis=1)
@@ -165,6 +167,7 @@ def craig_bampton(
         without,
         omitted,
         fixed.solve,
+        np.concatenate(swings, axis=1),
     )
 
 
@@ -265,9 +268,10 @@ def free_interface(
     stiff, U = residual_vectors(fe, responses, V)
     progress("modes", 1.0)
     modes, answers = (omega2, V), (inertia, without, omitted, fixed.solve)
-    return free_basis(
+    made = free_basis(
         fe, interfaces, directions, modes, (stiff, U), loads, answers, "attachment"
     )  # fmt: skip
+    return replace(made, accelerations=fixed.solve(fe.M @ made.basis))
 
 
 def free_basis(

@@ -143,7 +143,7 @@ def with_load_responses(
         if nodes:
             response = LoadResponse(np.array(nodes), *(form[at_nodes, at_nodes] for form in forms))
         body = _with_missing_shares(body, [load.name for load in rest], forms, at_nodes.stop)
-    omitted = _omitted(fe, basis, modes, F[:, at_nodes])
+    omitted = _omitted(fe, basis, elastic, F[:, at_nodes])
     return replace(body, load_response=response, omitted_modes=omitted)
 
 
@@ -188,12 +188,13 @@ def node_loads(fe: FEMatrices, node: int, interfaces: tuple[ModelInterface, ...]
 
 
 def _omitted(
-    fe: FEMatrices, basis: ReducedBasis, modes: Modes, F: FloatArray
+    fe: FEMatrices, basis: ReducedBasis, elastic: ReducedModes, F: FloatArray
 ) -> OmittedModes | None:
     """The omitted modes, minus what the basis contains of them; None if nothing is left."""
     if basis.omitted is None or not basis.omitted.shape[1]:
         return None
-    Y = _missing_part(fe, basis.omitted, modes)
+    modes = elastic.omega2, elastic.Phi
+    Y = _at_rest(fe, basis, _missing_part(fe, basis.omitted, modes))
     energy = np.sum(basis.omitted * (fe.K @ basis.omitted), axis=0)
     # A rest without strain is a rigid motion, not a slow vibration.
     Y = Y[:, np.sum(Y * (fe.K @ Y), axis=0) > _COVERED_ENERGY * energy]
@@ -202,11 +203,34 @@ def _omitted(
     K, M = Y.T @ (fe.K @ Y), Y.T @ (fe.M @ Y)
     sizes, Q = eigh(0.5 * (M + M.T), 0.5 * (K + K.T))  # sizes are 1/ω² of the independent rest
     there = sizes > _RANK_TOLERANCE * sizes[-1]
-    Y = Y @ (Q[:, there] / np.sqrt(sizes[there]))[:, ::-1]
-    MY = fe.M @ Y
-    return OmittedModes(
-        1.0 / (2.0 * np.pi * np.sqrt(sizes[there][::-1])),
+    Y, sizes = Y @ (Q[:, there] / np.sqrt(sizes[there]))[:, ::-1], sizes[there][::-1]
+    made = OmittedModes(
+        1.0 / (2.0 * np.pi * np.sqrt(sizes)),
         -Y.T @ inertia_loads(fe),
-        -MY.T @ modes[1],
+        -(fe.M @ Y).T @ modes[1],
         Y.T @ F,
     )
+    if basis.accelerations is None or basis.inertia is None:
+        return made
+    X = np.concatenate([basis.inertia, basis.accelerations @ elastic.Z], axis=1)
+    missing = _missing_part(fe, X, modes)
+    here = np.hstack([made.inertia, made.modes])
+    rest = missing.T @ (fe.K @ missing) - here.T @ (here * sizes[:, None])
+    full = np.sqrt(np.sum(X * (fe.K @ X), axis=0).clip(0.0))  # of unlike units
+    scale = np.divide(1.0, full, out=np.zeros_like(full), where=full > 0.0)
+    values, vectors = np.linalg.eigh(0.5 * (rest + rest.T) * np.outer(scale, scale))
+    values = np.where(values > _ENERGY_ROUND_OFF, values, 0.0)
+    vectors = full[:, None] * vectors
+    return replace(made, rest=(vectors * values) @ vectors.T)
+
+
+def _at_rest(fe: FEMatrices, basis: ReducedBasis, Y: FloatArray) -> FloatArray:
+    """Missing parts Y (n, r) plus rigid motions, so that interfaces are at rest in them.
+
+    The modes have no rigid motion, so that what is left of a field without them has one. Forces at
+    interfaces would do work in it.
+    """
+    if not basis.interfaces:
+        return InertiaRelief(fe.M, fe.rigid).fields(Y)
+    moved, turned = (basis.interfaces[0].motion(fields) for fields in (Y, fe.rigid))
+    return np.asarray(Y - fe.rigid @ np.linalg.lstsq(turned, moved, rcond=None)[0])

@@ -66,6 +66,8 @@ class ReducedBasis:
         The lowest of the modes that the basis omits.
     fixed_response : FixedResponse, optional
         With the interfaces fixed in all these directions.
+    accelerations : (n, k) float, optional
+        Static responses of the full model to unit accelerations of these coordinates.
     """
 
     basis: FloatArray
@@ -82,6 +84,7 @@ class ReducedBasis:
     without: tuple[FloatArray, FloatArray] | None = None
     omitted: FloatArray | None = None
     fixed_response: FixedResponse | None = None
+    accelerations: FloatArray | None = None
 
     def columns(self, *kinds: str) -> FloatArray:
         """(k,) bool, which columns are of these kinds."""

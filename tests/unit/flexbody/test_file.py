@@ -57,7 +57,8 @@ def loaded():
     shapes["shell_forces"] = (2, 8, 12)
     omitted = OmittedStress(**{name: rng.normal(size=shape) for name, shape in shapes.items()})
     pair = (push, replace(push, name="pull"))
-    left_out = OmittedModes(np.array([100.0]), *(rng.normal(size=(1, n)) for n in (12, body.m, 6)))
+    forces, n = (rng.normal(size=(1, n)) for n in (12, body.m, 6)), 12 + body.m
+    left_out = OmittedModes(np.array([100.0]), *forces, rng.normal(size=(n, n)))
     quadratic = rng.normal(size=(3, 3))
     membrane = MembraneStiffness(
         rng.normal(size=(2, body.m)), rng.normal(size=(body.m, 3)), quadratic @ quadratic.T
