@@ -54,8 +54,8 @@ def slow_shares(
     t, moved, rates = np.vstack([last, table]).T
     change = np.diff(moved)
     apart = np.abs(change - 0.5 * np.diff(t) * (rates[1:] + rates[:-1]))
-    known = np.abs(change) > 0.0
-    share = np.divide(apart, np.abs(change), out=np.ones_like(apart), where=known)
+    moves = np.abs(change) > 0.0
+    share = np.divide(apart, np.abs(change), out=np.ones_like(apart), where=moves)
     return np.nan_to_num((1.0 - share / _FAST).clip(0.0)), table[-1]
 
 
