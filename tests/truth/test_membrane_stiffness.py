@@ -164,6 +164,17 @@ def test_a_strip_between_clamped_edges_deflects_less_by_what_is_told(size, place
     assert cure == 'reduce it with geometric_stiffening = "full"'
 
 
+def test_the_middle_of_a_long_plate_deflects_less_by_what_is_told():
+    """Held all round, four times as long as wide: it bends as a strip across its width."""
+    mesh = {"type": "plate", "length": 2.0, "width": 0.5, "divisions": [32, 16]}
+    body = plate(mesh, {"rim": "edges"}, nu=0.0, residual="inertia")
+    pressure = 20 * E * H**4 * 16
+    result, linear = loaded(body, pressure, {"rim": FIXED}, middle=(1.0, 0, 0))
+    exact, straight = tense_strip(pressure, 0.5, H)
+    assert linear == pytest.approx(straight, 0.03)
+    assert told(result)[0] == pytest.approx(1 - exact / straight, rel=0.1)
+
+
 def test_geometric_stiffening_has_the_forces_between_interfaces():
     pressure, joints = 20 * E * H**4, {"a": FIXED, "b": FIXED}
     body = plate(STRIP, {"a": "x0", "b": "x1"}, nu=0.0, geometric_stiffening="full")
@@ -336,7 +347,7 @@ def test_a_body_file_keeps_the_membrane_stiffness(tmp_path):
 
 
 def test_bars_and_compact_bodies_have_no_membrane_stiffness():
-    bar = {"type": "plate", "length": 1.0, "width": 0.1, "divisions": [20, 2]}
+    bar = {"type": "plate", "length": 1.0, "width": 0.05, "divisions": [20, 1]}
     assert plate(bar, {"a": "x0", "b": "x1"}).membrane_stiffness is None
     block = {"type": "box", "size": [1, 1, 0.5], "divisions": [3, 3, 2]}
     assert plate(block, {"a": "x0", "b": "x1"}).membrane_stiffness is None

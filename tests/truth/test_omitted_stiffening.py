@@ -123,6 +123,35 @@ def test_a_pulled_strip(share):
     assert told(found) == pytest.approx((change, change), rel=0.1)
 
 
+@pytest.mark.parametrize("outputs", [10, 20, 50])
+@pytest.mark.parametrize("share", [0.3, -0.08])
+def test_rare_rows_do_not_lag_behind_a_slow_force(outputs, share):
+    """The pull rises over the whole run: a mean of eight rows was half of it with ten."""
+    critical = 4 * np.pi**2 * EI
+    model = between("fixed", "prismatic")
+    model.forces.clear()
+    ramp = "step5(t, 0, 0, 2, 1)"
+    model.add_force("pull", "force", at="strip.b", value=[f"{share * critical}*{ramp}", 0, 0])
+    model.add_force("push", "force", at="strip.middle", value=[0, f"0.02*{ramp}", 0])
+    found = judged(model, duration=2.0, accuracy=1e-4, verify=False, outputs=outputs)
+    change = abs(1.0 / (1.0 + share) - 1.0)
+    assert told(found) == pytest.approx((change, change), rel=0.15)
+
+
+@pytest.mark.parametrize("outputs", [11, 23, 130])
+def test_rare_rows_of_a_fast_force_tell_its_mean(outputs):
+    """Half of the buckling load at 61.7 Hz, a slow beat in 130 rows: none on average."""
+    model, pull = between("fixed", "prismatic"), 0.5 * 4 * np.pi**2 * EI
+    model.forces.clear()
+    model.add_force("pull", "force", at="strip.b", value=[f"{pull}*sin(2*pi*61.7*t)", 0, 0])
+    push = "0.02*step5(t, 0, 0, 2, 1)"
+    model.add_force("push", "force", at="strip.middle", value=[0, push, 0])
+    model.set_validity(load_factor="any", stiffening="any")
+    found = judged(model, duration=2.0, accuracy=1e-4, verify=False, outputs=outputs)
+    buckled = [note for note in found.notes if "of the load that buckles it" in note]
+    assert all(float(note.split("by about ")[1].split(" of")[0]) < 0.3 for note in buckled)
+
+
 def test_a_small_force_changes_nothing_that_shows():
     assert told(outcome(between("fixed", "prismatic", 0.3, pull=0.005 * 4 * np.pi**2 * EI))) is None
 

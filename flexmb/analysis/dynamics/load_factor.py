@@ -26,6 +26,7 @@ from flexmb.analysis.assembly.jacobian import (
 )
 from flexmb.analysis.assembly.mechanism_modes import MechanismModes
 from flexmb.analysis.dynamics.linear_elasticity import flexible_columns, joined_modes
+from flexmb.analysis.dynamics.period_mean import period_mean, slow_shares, stretch
 from flexmb.analysis.monitors import Indicator
 from flexmb.engine.allocation import new_state, new_work
 from flexmb.engine.compile import Compiled
@@ -47,7 +48,6 @@ _EULER = 0.1  # Euler load of a pinned bar over ω₁² m L: 1/π²
 _SLENDER = 0.05  # largest ratio of the second moments of mass across and along a slender bar
 # Rows are examined if a simple upper bound of the load exceeds this share of the warning level.
 _MIN_ESTIMATE = 0.3
-_MAX_ROW_WEIGHT = 0.125  # largest weight of one row in the mean over a period
 _MAX_ENTRIES = 2_000_000  # matrix entries of all rows that are examined together
 # Strain energy of a body in the motion that buckles, over the largest, with which it buckles too:
 # equal columns of a frame have the same.
@@ -100,6 +100,8 @@ class LoadFactorMonitor:
         ]
         self._largest = np.zeros((2, len(self._bodies)))
         self._mean = np.full((2, len(self._bodies)), np.nan)  # mean over a period, time of last row
+        self._stretches = [stretch(body, slender_axis(body)[0]) for _, body, _ in self._bodies]
+        self._last = np.full((len(self._bodies), 3), np.nan)  # as of `slow_shares`
 
     @cached_property
     def _scratch(self) -> tuple[State, Work, Callable[[int], float]]:
@@ -126,18 +128,17 @@ class LoadFactorMonitor:
             worth |= (load > _MIN_ESTIMATE * NEAR_BUCKLING * euler) | self._loaded[k]
         values = np.zeros((len(rows.t), len(self._bodies)))
         values[worth] = self._values(rows, np.flatnonzero(worth))
+        slow = np.zeros_like(values)
+        for k, ((columns, *_), along) in enumerate(zip(self._bodies, self._stretches, strict=True)):
+            slow[:, k], self._last[k] = slow_shares(columns, along, rows, self._last[k])
         for row in range(len(rows.t)) if worth.any() or self._mean[0].any() else ():
-            self._average(float(rows.t[row]), values[row])
+            self._average(float(rows.t[row]), values[row], slow[row])
 
-    def _average(self, t: float, values: Array) -> None:
-        """Update the exponential means over a vibration period by the values at time t."""
-        mean, last = self._mean
-        mean[:] = np.where(np.isnan(mean), values, mean)
-        forgotten = np.minimum(
-            (t - np.where(np.isnan(last), t, last)) / self._periods, _MAX_ROW_WEIGHT
-        )
-        mean += (forgotten if self._is_motion else 1.0) * (values - mean)
-        last[:] = t
+    def _average(self, t: float, values: Array, slow: Array) -> None:
+        """Update the means over a vibration period by the values at time t."""
+        passed = (t - self._mean[1]) / self._periods if self._is_motion else np.nan * values
+        self._mean[0], mean = period_mean(self._mean[0], passed, values, slow)
+        self._mean[1] = t
         larger = mean > self._largest[0]
         self._largest[:, larger] = mean[larger], np.full(larger.sum(), t)
 

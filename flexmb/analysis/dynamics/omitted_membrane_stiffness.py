@@ -6,7 +6,7 @@ deformation η' under the same load has η' + C g(η') = η, with the compliance
 mechanism and the forces g of membrane stiffness. The difference is told over the deflection, and at
 the position sensors over their range. A body with geometric stiffening has the membrane forces of
 its loads, and of interfaces that joints hold; what is left are those within a single interface.
-Slender bodies, which bend as bars, have no membrane stiffness: `omitted_stiffening` is on these.
+Bodies that bend as bars between two joints are left to `omitted_stiffening`.
 """
 
 from __future__ import annotations
@@ -67,11 +67,13 @@ class OmittedMembraneStiffnessMonitor:
     ----------
     compiled, model : Compiled, Model
         The model.
+    bows : set of str
+        Bodies that bend as bars, whose tension another monitor knows.
     """
 
-    def __init__(self, compiled: Compiled, model: Model) -> None:
+    def __init__(self, compiled: Compiled, model: Model, bows: set[str]) -> None:
         self._units = model.units
-        self._plates = list(_plates(compiled, model))
+        self._plates = [one for one in _plates(compiled, model) if one.columns.name not in bows]
         if compiled.layout.nv > MAX_COORDINATES:
             self._plates = []
         n, most = len(self._plates), max((one.columns.m for one in self._plates), default=0)

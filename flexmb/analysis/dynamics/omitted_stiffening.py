@@ -44,6 +44,7 @@ from flexmb.analysis.dynamics.load_factor import (
     masses_along,
     slender_axis,
 )
+from flexmb.analysis.dynamics.period_mean import period_mean, slow_shares, stretch
 from flexmb.analysis.monitors import Indicator, percent
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
@@ -63,7 +64,6 @@ _SLENDER, _STRAIGHT = 0.3, 0.05
 _DIVISIONS = 24  # of a bar along its axis; its slopes are those between their ends
 _SAME_PLACE = 5e-3  # nodes closer along the axis than this share of the length are averaged
 _MIN_SHARE_OF_RUN = 0.1  # share of a run after which it may be refused
-_MAX_ROW_WEIGHT = 0.125  # largest weight of one row in the mean of forces over a period
 _VISIBLE = 1e-3  # change of a sensor below which that of the deflection does not matter
 # Share of the largest change so far from which on the first estimate of a row is made exact.
 _WORTH = 0.5
@@ -184,7 +184,7 @@ class OmittedStiffeningMonitor:
             [_period(*pair) for pair in zip(self._bars, self._first, strict=True)]
         )
         self._forces = np.full((n, _DIVISIONS), np.nan)  # mean over a period
-        self._last = np.full(n, np.nan)  # time of the last row
+        self._last = np.full((n, 3), np.nan)  # as of `slow_shares`: time first
         self._deflection = np.zeros(n)  # largest so far, over the length
         self._change = np.zeros((n, most))  # of the modes, in the row where it is largest
         self._load_factor = np.zeros((2, n))  # largest so far, and its time
@@ -192,6 +192,11 @@ class OmittedStiffeningMonitor:
         self._least, self._most = np.array(np.inf), np.array(-np.inf)  # range of all channels
         duration = model.dynamics.duration if model.dynamics and is_motion else 0.0
         self._settled, self._begin = _MIN_SHARE_OF_RUN * duration, np.full(1, np.nan)
+
+    @property
+    def bows(self) -> set[str]:
+        """Names of the bodies of which it knows the tension of their bow."""
+        return {one.columns.name for one in self._bars if one.span.any()}
 
     @one_blas_thread()
     def add(self, rows: OutputBlock) -> None:
@@ -209,7 +214,7 @@ class OmittedStiffeningMonitor:
             deflection = largest_lengths(eta, one.points)
             self._deflection[k] = max(self._deflection[k], deflection.max())
             now = one.axial_forces(loads, self._markers[k], self._gravity)
-            forces = self._means(k, rows.t, now)
+            forces = self._means(k, rows, now)
             C = self._first[k]
             factors = one.load_factors(forces, self._roots[k])
             row = int(factors.argmax())
@@ -236,18 +241,20 @@ class OmittedStiffeningMonitor:
             self._largest[:, k] = moved, rows.t[row], float(N @ lengths / lengths.sum()), tension
             self._change[k, : one.columns.m] = change
 
-    def _means(self, k: int, t: Array, forces: Array) -> Array:
-        """(t, s) exponential means of the forces over a vibration period."""
-        means = np.empty_like(forces)
-        mean, last = self._forces[k], self._last[k]
-        for row in range(len(t)):
-            if np.isnan(last) or not self._is_motion:
-                mean = forces[row]
-            else:
-                share = min((t[row] - last) / self._periods[k], _MAX_ROW_WEIGHT)
-                mean = mean + share * (forces[row] - mean)
-            last, means[row] = t[row], mean
-        self._forces[k], self._last[k] = mean, last
+    def _means(self, k: int, rows: OutputBlock, forces: Array) -> Array:
+        """(t, s) means of the forces over a vibration period."""
+        means, one, mean, last = (
+            np.empty_like(forces),
+            self._bars[k],
+            self._forces[k],
+            self._last[k],
+        )
+        slow, end = slow_shares(one.columns, stretch(one.body, one.axis), rows, last)
+        passed = np.diff(np.append(last[0], rows.t)) / self._periods[k]
+        for row in range(len(forces)):
+            since = passed[row] if self._is_motion else np.nan
+            mean, means[row] = period_mean(mean, since, forces[row], slow[row])
+        self._forces[k], self._last[k] = mean, end
         return means
 
     def indicators(self) -> Iterator[Indicator]:
@@ -267,7 +274,7 @@ class OmittedStiffeningMonitor:
             if seen is not None and (seen > LARGEST_SENSOR_CHANGE or not bends):
                 value, level = seen, LARGEST_SENSOR_CHANGE
             text = partial(self._sentence, one, share, seen, t, force, tension)
-            early = self._last[k] - self._begin[0] < self._settled
+            early = self._last[k, 0] - self._begin[0] < self._settled
             bound = 0.0 if early else min(share, share if seen is None else seen)
             yield Indicator(one.columns.name, "stiffening", value, t, level, text, bound)
 

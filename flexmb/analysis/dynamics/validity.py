@@ -95,11 +95,12 @@ class ValidityMonitor:
         self._inertia = _inertia_monitor(compiled, model, q)
         self._monitors: tuple[Monitor, ...] = ()  # all of them are of flexible bodies
         if compiled.system.parts.bodies["m"].any():
+            bars = OmittedStiffeningMonitor(compiled, model, q, self._load_factor, is_motion)
             self._monitors = (
                 self._elasticity,
                 self._load_factor,
-                OmittedStiffeningMonitor(compiled, model, q, self._load_factor, is_motion),
-                *_membrane_monitors(compiled, model),
+                bars,
+                *_membrane_monitors(compiled, model, bars.bows),
                 *((self._inertia,) if self._inertia else ()),
                 self._basis,
                 *((OmittedVibrationMonitor(compiled, model, q),) if is_motion else ()),
@@ -206,14 +207,15 @@ def _inertia_monitor(
     return DeformedInertiaMonitor(compiled, model, q)
 
 
-def _membrane_monitors(compiled: Compiled, model: Model) -> Iterator[Monitor]:
-    """The monitor of plates and shells, if there are any."""
-    if any(body.membrane_stiffness is not None for body in compiled.flexbodies.values()):
+def _membrane_monitors(compiled: Compiled, model: Model, bows: set[str]) -> Iterator[Monitor]:
+    """The monitor of plates and shells, if there are any beside those that bend as bars."""
+    every = compiled.flexbodies.items()
+    if any(body.membrane_stiffness and name not in bows for name, body in every):
         from flexmb.analysis.dynamics.omitted_membrane_stiffness import (
             OmittedMembraneStiffnessMonitor,
         )
 
-        yield OmittedMembraneStiffnessMonitor(compiled, model)
+        yield OmittedMembraneStiffnessMonitor(compiled, model, bows)
 
 
 def _tells(other: Indicator, one: Indicator) -> bool:
@@ -225,7 +227,8 @@ def _tells(other: Indicator, one: Indicator) -> bool:
     if pair == {"speed", "stiffening"}:
         speed, change = (one, other) if one.quantity != "stiffening" else (other, one)
         return (change.value < _FAR_FROM_AXIS * speed.value**2) == (other is speed)
-    return one.quantity == "stiffening" and other.quantity == "load_factor"
+    better = {"stiffening": {"load_factor"}, "membrane_forces": {"stiffening", "load_factor"}}
+    return other.quantity in better.get(one.quantity, ())
 
 
 def _arrays(monitor: Monitor) -> dict[str, Any]:

@@ -24,7 +24,7 @@ from flexmb.progress import Progress, silent
 _MAX_SHAPES = 6
 # Ratios of second moments of mass: of the second axis to the first one, up to which a body is a
 # bar; of the third to the second, up to which solid elements are a plate.
-_BAR, _PLATE = 0.3, 0.02
+_BAR, _PLATE = 0.01, 0.02
 
 
 def with_membrane_stiffness(
