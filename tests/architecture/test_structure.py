@@ -14,7 +14,7 @@ from tests.benchmarks import structure
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
     "files": 384,
-    "lines": 102_150,
+    "lines": 102_350,
     "participles": 30,
     "base names of three and more files": 0,
     _ALL: 0,
