@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from cmath import phase
+from cmath import isfinite, phase
 from collections.abc import Sequence
-from math import degrees, isnan, pi
+from math import degrees, inf, isnan, pi
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -254,9 +254,17 @@ def response(
 
     Example: flexmb response scene.toml --input push.x --sensor tip.x --frequencies 1..200:400
     """
-    from flexmb.model.scenes.study import sweep_values
+    from flexmb.view.plot import writable_file
     from flexmb.workflow import linearize
 
+    values = _parse_frequencies(frequencies)
+    if output is not None:
+        writable_file(output, (".png", ".pdf", ".svg"))
+    if (actuator is None) != (sensor is None) or (output is not None and sensor is None):
+        missing = " and ".join(
+            name for name, value in (("--input", actuator), ("--sensor", sensor)) if value is None
+        )
+        raise typer.BadParameter("is missing", param_hint=missing)
     with screen.Bars() as progress:
         made = linearize.linearize(
             source, time=time, about=about, overrides=parse_pairs(overrides, "--set"),
@@ -266,23 +274,41 @@ def response(
         screen.line(f"inputs: {', '.join(made.inputs) or 'none'}")
         screen.line(f"sensors: {', '.join(made.compiled.layout.channels) or 'none'}")
         return
-    values = [float(value) for value in sweep_values(frequencies)]
     answer = made.frequency_response(actuator, sensor, values)
     screen.heading(f"{sensor} per unit of {actuator}, SI")
     shown = range(0, len(values), max(1, len(values) // _SHOWN_FREQUENCIES))
     rows = [
         (f"{values[k]:.5g}", f"{abs(answer[k]):.5g}", f"{degrees(phase(answer[k])):.1f}")
+        if isfinite(answer[k])
+        else (f"{values[k]:.5g}", "-", "-")
         for k in shown
     ]
     screen.table(("Hz", "amplitude", "phase [deg]"), rows, right=(0, 1, 2))
-    largest = max(range(len(values)), key=lambda k: abs(answer[k]))
-    screen.line(f"largest: {abs(answer[largest]):.5g} at {values[largest]:.5g} Hz")
+    finite = [k for k in range(len(values)) if isfinite(answer[k])]
+    if finite:
+        largest = max(finite, key=lambda k: abs(answer[k]))
+        screen.line(f"largest: {abs(answer[largest]):.5g} at {values[largest]:.5g} Hz")
+    none = [f"{values[k]:.5g}" for k in range(len(values)) if k not in finite]
+    if none:
+        screen.line(f"no steady response at {', '.join(none)} Hz: the motion grows without bound "
+                    "there; beside controllers and of drivers there is none at 0 Hz")  # fmt: skip
     if output is not None:
         from flexmb.view.modes import response_figure
         from flexmb.view.plot import save_figure
 
         figure = response_figure(values, answer, f"{sensor} per {actuator}")
         screen.line(f"written: {save_figure(figure, output)}")
+
+
+def _parse_frequencies(text: str) -> list[float]:
+    from flexmb.model.scenes.study import sweep_values
+
+    values = [*sweep_values(text)]
+    wrong = [x for x in values if not isinstance(x, int | float) or not 0.0 <= x < inf]
+    if wrong:
+        what = f"frequencies [Hz] are not negative, such as 1,2,5 or 0.1..100:200; given {wrong[0]}"
+        raise typer.BadParameter(what, param_hint="--frequencies")
+    return [float(x) for x in values]
 
 
 @command()

@@ -103,7 +103,9 @@ def _read_scenes(scenes: list[Path]) -> dict[Path, tuple[str, ...]]:
 
 def _in_scene(scene: Path, problem: Problem) -> Problem:
     where = problem.where
-    return problem if where == str(scene) else replace(problem, where=f"{scene}: {where}")
+    if where == str(scene) or (not where and problem.what.startswith(f"{scene}: ")):
+        return problem
+    return replace(problem, where=f"{scene}: {where}")
 
 
 def _check(job: tuple[Path, tuple[str, ...], Path]) -> dict[str, Any]:

@@ -251,3 +251,57 @@ def test_an_interface_may_be_a_table(tmp_path: Path) -> None:
     assert "hold all its nodes" in refused(*words, "--interface", ends % 9)[0]
     assert "is no table" in call(*words, "--interface", "a={center = [0").stderr
     assert refused(*words, "--interface", "a={centre = 3}")[0].startswith("interfaces.a.centre: ")
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["--frequencies", "nan"], "frequencies [Hz] are not negative, such as"),
+        (["--frequencies", "1,abc"], "given abc"),
+        (["--frequencies=-2"], "given -2"),
+        (
+            ["--frequencies", "1..x", "--input", "push.x", "--sensor", "x.x"],
+            "must have two numbers",
+        ),
+        (["--output", "x.txt"], "must end in .png or .pdf or .svg"),
+        (["--input", "push.x"], "--sensor: is missing"),
+        (["--output", "x.png"], "--input and --sensor: is missing"),
+    ],
+)
+def test_wrong_options_of_a_response_are_told_before_it(words: list[str], said: str) -> None:
+    """Even where only the names of inputs and sensors would be shown."""
+    done = call("response", "nothing.toml", *words)
+    assert done.exit_code == 2
+    assert said in " ".join(done.stderr.split())
+
+
+def test_a_response_that_is_not_finite_is_told(folder: Path) -> None:
+    """A free mass: x = f/(m (2 pi f)^2), without bound at 0 Hz."""
+    (folder / "free.toml").write_text(
+        """
+[bodies.m]
+mass = 2
+inertia = [1, 1, 1]
+[forces.push]
+type = "force"
+at = "m"
+value = [0, 0, 0]
+[sensors.x]
+type = "position"
+of = "m"
+[dynamics]
+duration = 1
+"""
+    )
+    words = ["--input", "push.x", "--sensor", "x.x", "--frequencies", "0,1"]
+    done = call("response", folder / "free.toml", *words)
+    assert done.exit_code == 0
+    assert "nan" not in done.output
+    assert "no steady response at 0 Hz" in done.output
+    assert f"largest: {1 / (2 * (2 * 3.141592653589793) ** 2):.5g} at 1 Hz" in done.output
+
+
+def test_a_folder_named_as_a_scene_is_told_once(folder: Path) -> None:
+    (folder / "all" / "dir.toml").mkdir(parents=True)
+    (said,) = refused("check-all", folder / "all")
+    assert said.count("dir.toml") == 1

@@ -43,6 +43,11 @@ ONE_LINE = [
         id="negative mass by an expression",
     ),
     pytest.param(
+        ("[dynamics]", "[view]\nsize = [99999, 100]\n[dynamics]"),
+        "view.size[0]: at most 8192, is 99999",
+        id="a picture that no memory holds",
+    ),
+    pytest.param(
         ("mass = 1", "mass = 1e200"),
         "bodies.crank.mass: is too large, 1e+200 in SI; allowed: up to 1e+60",
         id="a mass whose powers overflow",

@@ -218,8 +218,11 @@ class _Part:
             elif card.word == "NSET" and "NSET" in options:
                 if "ELSET" not in options:
                     nodes.read(options["NSET"], card)
-                own = elements.of(options.get("ELSET", ""), options.get("INSTANCE", ""))
-                for number in deck.elements.keys() & own:
+                whole, instance = options.get("ELSET", ""), options.get("INSTANCE", "")
+                if whole and not elements.find(whole, instance):
+                    what = f'the node set "{options["NSET"]}" is that of the element set "{whole}"'
+                    raise deck.error(f"{what}, which is not above it, or in no such instance")
+                for number in deck.elements.keys() & elements.of(whole, instance):
                     nodes.add(options["NSET"], deck.elements[number][1])
             elif card.word == "ELSET" and "ELSET" in options:
                 elements.read(options["ELSET"], card)

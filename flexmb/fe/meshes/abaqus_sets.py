@@ -77,9 +77,9 @@ class Sets:
 
     def of(self, name: str, instance: str = "") -> dict[int, None]:
         """The members of a set of the instance, or of the deck and the only instance."""
-        return self.members.get(self._own_name(name, instance), {})
+        return self.members.get(self.find(name, instance), {})
 
-    def _own_name(self, name: str, instance: str = "") -> str:
+    def find(self, name: str, instance: str = "") -> str:
         """A set as it was first named; empty if there is none."""
         places = [f"{instance}.{name}", name]
         places += [f"{only}.{name}" for only in self._instances if len(self._instances) == 1]
@@ -124,7 +124,7 @@ class Sets:
             self.add(name, [k for k in among(self._present, inside) if k > before])
         for entry in entries:
             own = entry.replace('"', "")
-            if whole := self._own_name(own, instance):
+            if whole := self.find(own, instance):
                 self.add(name, list(self.members[whole]))
             elif own.rpartition(".")[2].lstrip("+-").isdigit():
                 self.add(name, [self.number(own, instance)])

@@ -70,7 +70,7 @@ class ResultsSpec(Spec):
     keep: tuple[Text, ...] = ()
 
 
-_PIXELS = Integer(64)  # smaller pictures show nothing
+_PIXELS = Integer(64, 8192)  # smaller pictures show nothing, larger ones exceed graphics memory
 CAMERAS = ("auto", "front", "back", "left", "right", "top", "bottom", "isometric")
 
 

@@ -342,6 +342,10 @@ def test_a_set_of_a_mass_of_the_assembly_is_none_of_an_instance(tmp_path):
         ("*Nset, nset=s, generate\n3, 5\n", 'set "s" names node 3, which .* INSTANCE=low or'),
         ("*Elset, elset=s, generate\n1, 1\n", 'set "s" names element 1, which the'),
         ("*Element, type=T3D2\n 5, 1, 3\n", "element 5 names node 3, which"),
+        (
+            "*Nset, nset=s, elset=Set-1\n",
+            'set "s" is that of the element set "Set-1", which is not',
+        ),
         ("*Node\n 1, 0., 0., 0.\n", "node 1 is given twice"),
     ],
 )
