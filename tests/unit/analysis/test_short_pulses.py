@@ -80,3 +80,12 @@ def test_steps_that_are_advised_for_a_turn_are_short_enough(speed, advised):
     assert len(notes) == (advised is not None)
     assert all(f"take steps of {advised:g} s at most" in note for note in notes)
     assert advised is None or speed * advised < 1.0
+
+
+def test_a_pulse_that_half_steps_see_is_in_the_stated_error():
+    """In the middle of a step: told where nothing measures the error, and measured else."""
+    middle = "30*exp(-((t - 0.61)/1e-4)**2)"
+    knobs = {"method": "generalized-alpha", "step": 0.02}
+    assert len(hit(middle, **knobs)[0]) == 1
+    told, speed = hit(middle, verify=True, **knobs)
+    assert told == [] and abs(speed) < 1e-9
