@@ -30,6 +30,8 @@ Array = NDArray[np.float64]
 _PULL_ROUND_OFF = 1e-6  # tensile force over the largest force of a joint that is round-off
 _NEAR_SINGULAR = 0.1  # angle from a singular orientation that is reported [deg]
 MAX_TURN_OF_A_STEP = 1.0  # largest rotation of a body in a fixed step without a note [rad]
+_TURN_ROUND_OFF = 1e-9  # of that limit
+_ADVISED_TURN = 0.95  # rotation of an advised step, so that its rounded text is below the limit
 # Alternating reactions. Their amplitude is reported above the first share of the range of the
 # reaction. A range counts as at least the second share of the largest reaction of the joint, and as
 # at least the force that moves the mass of the model by the third share of its size within the run.
@@ -135,11 +137,11 @@ class TurningMonitor:
 
     def notes(self) -> list[str]:
         """A sentence for the body with the largest rotation, if it exceeds the limit."""
-        if self._largest.max() <= MAX_TURN_OF_A_STEP:
+        if self._largest.max() <= MAX_TURN_OF_A_STEP * (1.0 + _TURN_ROUND_OFF):
             return []
         k = int(self._largest.argmax())
         turn, step = float(self._largest[k]), self._units.say(self._step, "s", 3)
-        enough = self._units.say(MAX_TURN_OF_A_STEP / turn * self._step, "s", 2)
+        enough = self._units.say(_ADVISED_TURN / turn * self._step, "s", 2)
         return [
             f"bodies.{self._bodies[k].name} turns by {turn:.3g} rad in a step of {step}: what "
             f"varies within a turn is not resolved; take steps of {enough} at most, or leave out "

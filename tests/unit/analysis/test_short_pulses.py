@@ -1,4 +1,4 @@
-"""Pulses that fixed steps and half steps miss are told; what they see is not."""
+"""Notes on fixed steps: pulses between their stages, and rotations that they do not resolve."""
 
 from __future__ import annotations
 
@@ -65,3 +65,27 @@ def test_many_pulses_are_one_sentence():
     (note,), _ = hit(table, method="generalized-alpha", step=0.02)
     assert "others between the times" in note and "misses them" in note
     assert len(note) < 400
+
+
+@pytest.mark.parametrize(("speed", "advised"), [(100.0, None), (103.0, 0.0092), (101.0, 0.0094)])
+def test_steps_that_are_advised_for_a_turn_are_short_enough(speed, advised):
+    """1 rad in a step is the limit: it is no fault, and an advised step is below it."""
+    made = Model("wheel")
+    made.add_body("w", mass=1, inertia=[1, 1, 1], angular_velocity=[0, 0, speed])
+    made.add_joint("axle", "revolute", between=["ground", "w"], axis="z")
+    made.add_sensor("turn", "angle", joint="axle")
+    with warnings.catch_warnings(action="ignore", category=FlexmbWarning):
+        found = flexmb.simulate(made, duration=0.2, outputs=20, step=0.01, method="radau")
+    notes = [note for note in found.notes if "rad in a step" in note]
+    assert len(notes) == (advised is not None)
+    assert all(f"take steps of {advised:g} s at most" in note for note in notes)
+    assert advised is None or speed * advised < 1.0
+
+
+def test_a_pulse_that_half_steps_see_is_in_the_stated_error():
+    """In the middle of a step: told where nothing measures the error, and measured else."""
+    middle = "30*exp(-((t - 0.61)/1e-4)**2)"
+    knobs = {"method": "generalized-alpha", "step": 0.02}
+    assert len(hit(middle, **knobs)[0]) == 1
+    told, speed = hit(middle, verify=True, **knobs)
+    assert told == [] and abs(speed) < 1e-9
