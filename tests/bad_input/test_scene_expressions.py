@@ -57,7 +57,7 @@ def test_a_cycle_of_parameters_is_named_once(tmp_path):
 
 def test_a_parameter_may_not_hide_a_constant(tmp_path):
     text = message(tmp_path, ("r = 0.2", "r = 0.2\ne = 1"))
-    assert text == 'parameters.e: the name "e" is taken: it is a constant of expressions'
+    assert text == 'parameters.e: the name "e" is taken: it is a constant of expressions; rename it'
 
 
 def test_time_in_a_constant(tmp_path):

@@ -332,6 +332,16 @@ def test_what_depends_on_a_wrong_entry_is_not_reported_again(tmp_path):
     assert text == "bodies.crank.mass: must be positive, is 0 kg"
 
 
+def test_a_parameter_with_a_bad_name_has_its_number_elsewhere(tmp_path):
+    """An eccentricity "e" of 1, or of 2.718, would make the root below no number."""
+    path = tmp_path / "scene.toml"
+    text = GOOD.replace("[bodies.crank]", "[bodies.crank]\ncenter = ['sqrt(0.35**2 - e**2)', 0, 0]")
+    path.write_text(text.replace("[parameters]", "[parameters]\ne = 0.04"))
+    with pytest.raises(SceneError) as error:
+        load_scene(path)
+    assert [problem.where for problem in error.value.problems] == ["parameters.e"]
+
+
 def test_missing_mesh_file(tmp_path):
     (tmp_path / "rod.msh").write_text("")
     body = '[bodies.flex]\nmesh = "rd.msh"\nmaterial = "steel"\ninterfaces = { a = "A" }\n'

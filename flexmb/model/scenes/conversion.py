@@ -166,8 +166,11 @@ class _Builder:
         values, problems = resolve_parameters(parameters, self.model.units)
         self.problems += problems
         self.model.parameter_sources, self.model.parameters = parameters, values
-        # A wrong parameter is reported once, not wherever it is used.
-        numbers = {**dict.fromkeys(map(str, parameters), 1.0), **values}
+        # A wrong parameter is reported once, not wherever it is used: one with a bad name has its
+        # number there, any other one is 1.
+        sources = {str(name): value for name, value in parameters.items()}
+        numbers = {n: float(x) if type(x) in (int, float) else 1.0 for n, x in sources.items()}
+        numbers |= values
         self.names = ReadContext(numbers, self.model.units, folder=self.model.folder)
         self.model.plane, problems = read_plane(self.scene.get("plane"))
         self.problems += problems

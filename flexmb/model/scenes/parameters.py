@@ -122,7 +122,7 @@ class _Resolver:
         elif not _NAME.match(name):
             self.wrong[name] = [Problem(where, "a name has letters, digits and _ only")]
         elif name in _RESERVED:
-            what = f'the name "{name}" is taken: it is {_RESERVED[name]} of expressions'
+            what = f'the name "{name}" is taken: it is {_RESERVED[name]} of expressions; rename it'
             self.wrong[name] = [Problem(where, what)]
         else:
             self.evaluate(name, where, trail)
