@@ -22,6 +22,7 @@ from flexmb.model.excitation import driving_functions
 from flexmb.model.forces.friction import JointFrictionSpec
 from flexmb.model.functions.piecewise import Piecewise
 from flexmb.model.model import Model
+from flexmb.model.scenes.dynamics import ACCURACY
 
 # Measured over requested error above which a note reports it; accuracy that a note advises, over
 # the measured error (at the level of round-off two runs of 1 µm at a distance of 1 km have errors
@@ -209,8 +210,9 @@ def steps_at_points(run: Integration, model: Model) -> Iterator[str]:
     steps follow the scatter of the points, if it is larger than the accuracy.
     """
     spec, steps = model.dynamics, int(run.state.count[0]["steps"])
-    if spec is None or spec.accuracy is None:
+    if spec is None or spec.step is not None:
         return
+    accuracy = ACCURACY if spec.accuracy is None else spec.accuracy
     events = run.compiled.system.time_events[:, 0]
     for _, path, function in driving_functions(model):
         curve, kind = function.curve, function.source
@@ -223,7 +225,7 @@ def steps_at_points(run: Integration, model: Model) -> Iterator[str]:
         beside = events[np.minimum(near, len(events) - 1)] if len(events) else np.inf
         at_points = int(np.sum(np.abs(beside - times) <= _SAME_TIME * spec.duration))
         scatter = _scatter(curve)
-        is_rough = scatter > spec.accuracy
+        is_rough = scatter > accuracy
         if at_points > len(times) / 2:
             cure = "smooth the points or give fewer"
             if kind["type"] != "spline" and not is_rough:

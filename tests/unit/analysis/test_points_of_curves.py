@@ -13,7 +13,7 @@ import flexmb
 TIMES = np.linspace(0.0, 10.0, 2001)
 
 
-def notes(kind, scatter=0.0, **options):
+def notes(kind, scatter=0.0, accuracy=1e-3, **options):
     """Notes of a cart on a spring that a force pushes; the force is one through 2001 points."""
     force = np.sin(np.pi * TIMES) + scatter * np.random.default_rng(3).standard_normal(2001)
     points = np.column_stack([TIMES, force]).tolist()
@@ -26,7 +26,7 @@ def notes(kind, scatter=0.0, **options):
     made.add_sensor("x", "position", of="cart")
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        result = flexmb.simulate(made, duration=10.0, accuracy=1e-3)
+        result = flexmb.simulate(made, duration=10.0, accuracy=accuracy)
     told = [str(w.message) for w in caught if "forces.push" in str(w.message)]
     return result.statistics["steps"], told
 
@@ -54,3 +54,8 @@ def test_points_that_scatter_less_than_the_accuracy_are_not_told():
     steps, told = notes("spline", scatter=1e-5)
     assert told == []
     assert steps < 1000
+
+
+def test_the_accuracy_by_default_counts_too():
+    steps, [sentence] = notes("spline", scatter=0.02, accuracy=None)
+    assert f"its 1999 points decide the number of steps, {steps}" in sentence
