@@ -186,9 +186,9 @@ _DATA_IS_AT_OFFSET = (
 def _address(unit: CompiledUnit | np.ndarray) -> int:
     """Address of the machine code of a unit, or of the data of an array."""
     if isinstance(unit, np.ndarray):
-        return int(
-            _word_at(id(unit) + _DATA_OFFSET).value if _DATA_IS_AT_OFFSET else unit.ctypes.data
-        )
+        if _DATA_IS_AT_OFFSET:
+            return _word_at(id(unit) + _DATA_OFFSET).value
+        return int(unit.ctypes.data)
     addresses = _loader().addresses
     if unit.name not in addresses:
         prepare_units([unit])
@@ -269,15 +269,15 @@ def bind(unit: CompiledUnit, *first: Any) -> Callable[..., Any]:
     return bound
 
 
-def packed_record(record: Any) -> Packed:
-    """A record for many calls: laid out in memory once.
+def packed_record(record: Any, like: Packed | None = None) -> Packed:
+    """A record for many calls: laid out in memory once, what `like` has in common with it too.
 
     Its arrays may be changed in place, not replaced. Missing units of its tables are compiled.
     """
     if interpreted():
-        return Packed(0, record, ())
+        return Packed(0, record, (), {})
     prepare_units(units_in(record))
-    return pack(record, _address)
+    return pack(record, _address, like)
 
 
 def call_without_compiling(unit: CompiledUnit, *arguments: Any) -> Any:

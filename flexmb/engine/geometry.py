@@ -165,10 +165,11 @@ def extents_of_parts(system: System, q: Array) -> tuple[Array, Array]:
     driven = bodies["iv"][[b for end in "IJ" for b in markers["body"][ends[end]] if b >= 0]]
     n = int(system.kkt.panels["nc"].sum()) + 1
     low, high, wide = np.full((n, 3), np.inf), np.full((n, 3), -np.inf), np.zeros((n, 1))
-    for body, arm, turns in zip(bodies, arms, gyration, strict=True):
-        r, own = q[body["iq"] : body["iq"] + 3], of[body["iv"] : body["iv"] + 3]
-        low[own], high[own] = np.minimum(low[own], r - arm), np.maximum(high[own], r + arm)
-        wide[own] = np.maximum(wide[own], turns * np.isin(own, of[driven])[:, None])
+    r = q[bodies["iq"][:, None] + np.arange(3)]
+    own = of[bodies["iv"][:, None] + np.arange(3)]  # parts of their three translations
+    np.minimum.at(low, own, (r - arms[:, None])[:, None])
+    np.maximum.at(high, own, (r + arms[:, None])[:, None])
+    np.maximum.at(wide, own, (gyration[:, None] * np.isin(own, of[driven]))[:, :, None])
     low[low > high], high[high < low] = 0.0, 0.0
     size = np.maximum(high - low, wide).max(axis=1)[of]
     return size, np.maximum(abs(low), abs(high)).max(axis=1)[of]

@@ -17,6 +17,7 @@ Compiled code receives only the address of a record, so its types are the same f
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Iterator
 from functools import cache
 from types import CodeType, FunctionType, ModuleType
@@ -270,15 +271,21 @@ def _word_count(kind: Any) -> int:
 
 
 class Packed:
-    """A record in memory: its address, and the objects that must live as long as it does."""
+    """A record in memory: its address, and the objects that must live as long as it does.
 
-    __slots__ = ("address", "owned", "record")
+    `parts` are the words of the records within it, by `id`, each with the objects that it needs.
+    """
 
-    def __init__(self, address: int, record: Any, owned: tuple[Any, ...]) -> None:
-        self.address, self.record, self.owned = address, record, owned
+    __slots__ = ("address", "owned", "parts", "record")
+
+    def __init__(self, address: int, record: Any, owned: tuple[Any, ...], parts: _Parts) -> None:
+        self.address, self.record, self.owned, self.parts = address, record, owned, parts
 
 
-def pack(record: Any, address_of: Callable[[Any], int]) -> Packed:
+_Parts = dict[int, tuple[list[int], list[Any]]]
+
+
+def pack(record: Any, address_of: Callable[[Any], int], like: Packed | None = None) -> Packed:
     """Lay a record out in memory; arrays are not copied.
 
     Parameters
@@ -287,48 +294,59 @@ def pack(record: Any, address_of: Callable[[Any], int]) -> Packed:
         The record.
     address_of : callable
         Returns the address of the machine code of a unit, or of the data of an array.
+    like : Packed, optional
+        A record that has parts in common with this one: these are laid out once.
 
     Raises
     ------
     TypeError
         An array has another dtype or number of dimensions than annotated, or is not contiguous.
     """
-    return _pack(record, address_of, {})
+    parts: _Parts = {} if like is None else dict(like.parts)
+    made = _pack(record, address_of, {}, parts)
+    return Packed(made.address, record, (*made.owned, like), parts)
 
 
-def _pack(record: Any, address_of: Callable[[Any], int], packed: dict[int, Packed]) -> Packed:
+def _pack(
+    record: Any, address_of: Callable[[Any], int], packed: dict[int, Packed], parts: _Parts
+) -> Packed:
     """As `pack`; `packed`: records of tables that are packed already, by `id`."""
     words: list[int] = []
     owned: list[Any] = [record]
-    _add_words(record, words, owned, address_of, packed)
+    _add_words(record, words, owned, address_of, packed, parts)
     memory = np.array(words or [0], np.int64)
-    return Packed(address_of(memory), record, (memory, *owned))
+    return Packed(address_of(memory), record, (memory, *owned), parts)
 
 
 def _add_words(
     record: Any, words: list[int], owned: list[Any], address_of: Callable[[Any], int],
-    packed: dict[int, Packed],
+    packed: dict[int, Packed], parts: _Parts,
 ) -> None:  # fmt: skip
     """Append the words of a record; append to `owned` what they point to beside its arrays."""
     for name, _, kind, table in layout(type(record))[0]:
         value = getattr(record, name)
         if table:
-            value = _addresses(value, table, owned, address_of, packed)
+            value = _addresses(value, table, owned, address_of, packed, parts)
         if isinstance(kind, Array):
             _check_array(record, name, value, kind)
             words.append(address_of(value))
             words += value.shape
         elif kind is float:
-            words.append(int(np.float64(value).view(np.int64)))
+            words.append(_WORD.unpack(_FLOAT.pack(value))[0])
         elif kind is int:
             words.append(int(value))
         else:
-            _add_words(value, words, owned, address_of, packed)
+            if id(value) not in parts:
+                own: tuple[list[int], list[Any]] = [], [value]
+                _add_words(value, *own, address_of, packed, parts)
+                parts[id(value)] = own
+            words += parts[id(value)][0]
+            owned += parts[id(value)][1]
 
 
 def _addresses(
     values: Any, table: str, owned: list[Any], address_of: Callable[[Any], int],
-    packed: dict[int, Packed],
+    packed: dict[int, Packed], parts: _Parts,
 ) -> np.ndarray:  # fmt: skip
     if table == "units":
         numbers = [0 if unit is None else address_of(unit) for unit in values]
@@ -336,7 +354,7 @@ def _addresses(
         numbers = []
         for record in values:
             if id(record) not in packed:
-                packed[id(record)] = _pack(record, address_of, packed)
+                packed[id(record)] = _pack(record, address_of, packed, parts)
             owned.append(packed[id(record)])
             numbers.append(packed[id(record)].address)
     addresses = np.array(numbers, np.int64)
@@ -344,9 +362,13 @@ def _addresses(
     return addresses
 
 
+_FLOAT, _WORD = struct.Struct("d"), struct.Struct("q")
+
+
 def _check_array(record: Any, name: str, value: Any, kind: Array) -> None:
-    fits = isinstance(value, np.ndarray) and value.dtype == kind.dtype and value.ndim == kind.ndim
-    if not fits or not value.flags.c_contiguous:
+    fits = isinstance(value, np.ndarray) and value.ndim == kind.ndim
+    same = fits and (value.dtype is kind.dtype or value.dtype == kind.dtype)
+    if not same or not value.flags.c_contiguous:
         what = f"{type(value).__name__} {getattr(value, 'dtype', '')}{getattr(value, 'shape', '')}"
         raise TypeError(f"{type(record).__name__}.{name} must be a contiguous {kind}, not {what}")
 

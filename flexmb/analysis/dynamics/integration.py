@@ -84,7 +84,8 @@ class Integration:
             compiled.system, state, self.work, integrator, settings, self.plan, self.rows.output,
             self.times,
         )  # fmt: skip
-        self._run, self._output_run = packed_record(run), packed_record(output_run(run))
+        self._run = packed_record(run)
+        self._output_run = packed_record(output_run(run), like=self._run)
         self._checkpoint: tuple[int, float, float] | None = None  # steps, time, steps at the limit
         self._endless = 0  # checks in a row at which the rest would take too many steps
 
