@@ -77,7 +77,9 @@ def _bending_shape(parts: Parts) -> tuple[int, int]:
 
 
 def _nan(*shape: int) -> np.ndarray:
-    return np.full(shape, np.nan)
+    values = np.empty(shape)
+    values.fill(np.nan)  # half the time of numpy.full
+    return values
 
 
 def _nan_records(n: int, dtype: np.dtype) -> np.ndarray:

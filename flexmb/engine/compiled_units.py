@@ -309,8 +309,7 @@ def _units_needed(unit: CompiledUnit, arguments: Iterable[Any]) -> list[Compiled
 
 def _array_words(array: np.ndarray, kind: Array) -> list[int]:
     """The words that pass an array to compiled code: owner, parent, sizes, data, shape, strides."""
-    fits = array.dtype == kind.dtype and array.ndim == kind.ndim and array.flags.c_contiguous
-    if not fits:
+    if not kind.fits(array):
         what = f"{array.dtype}{array.shape}, strides {array.strides}"
         raise TypeError(f"the array must be a contiguous {kind}, not {what}")
     return [0, 0, array.size, array.itemsize, _address(array), *array.shape, *array.strides]

@@ -17,7 +17,6 @@ Compiled code receives only the address of a record, so its types are the same f
 
 from __future__ import annotations
 
-import struct
 from collections.abc import Callable, Iterator
 from functools import cache
 from types import CodeType, FunctionType, ModuleType
@@ -194,6 +193,15 @@ class Array(NamedTuple):
     dtype: np.dtype
     ndim: int
 
+    def fits(self, value: Any) -> bool:
+        """Whether a value is such an array, and contiguous."""
+        return (
+            isinstance(value, np.ndarray)
+            and value.ndim == self.ndim
+            and (value.dtype is self.dtype or value.dtype == self.dtype)
+            and value.flags.c_contiguous
+        )
+
 
 class _UnitTable:
     """Mark of a table of units."""
@@ -323,16 +331,17 @@ def _add_words(
     packed: dict[int, Packed], parts: _Parts,
 ) -> None:  # fmt: skip
     """Append the words of a record; append to `owned` what they point to beside its arrays."""
-    for name, _, kind, table in layout(type(record))[0]:
-        value = getattr(record, name)
-        if table:
-            value = _addresses(value, table, owned, address_of, packed, parts)
-        if isinstance(kind, Array):
-            _check_array(record, name, value, kind)
+    for place, field in _places(type(record)):
+        value, kind = record[place], field.kind
+        if field.table:
+            value = _addresses(value, field.table, owned, address_of, packed, parts)
+        if type(kind) is Array:
+            if not kind.fits(value):
+                _refuse_array(record, field, value)
             words.append(address_of(value))
             words += value.shape
         elif kind is float:
-            words.append(_WORD.unpack(_FLOAT.pack(value))[0])
+            words.append(int(np.float64(value).view(np.int64)))
         elif kind is int:
             words.append(int(value))
         else:
@@ -344,10 +353,22 @@ def _add_words(
             owned += parts[id(value)][1]
 
 
+@cache
+def _places(record: type) -> tuple[tuple[int, Field], ...]:
+    """Fields of a record class that compiled code reads, each with its number in the tuple."""
+    fields = record._fields  # type: ignore[attr-defined]
+    return tuple((fields.index(field.name), field) for field in layout(record)[0])
+
+
+_NO_ADDRESSES = np.zeros(0, np.int64)
+
+
 def _addresses(
     values: Any, table: str, owned: list[Any], address_of: Callable[[Any], int],
     packed: dict[int, Packed], parts: _Parts,
 ) -> np.ndarray:  # fmt: skip
+    if not values:
+        return _NO_ADDRESSES
     if table == "units":
         numbers = [0 if unit is None else address_of(unit) for unit in values]
     else:
@@ -362,15 +383,10 @@ def _addresses(
     return addresses
 
 
-_FLOAT, _WORD = struct.Struct("d"), struct.Struct("q")
-
-
-def _check_array(record: Any, name: str, value: Any, kind: Array) -> None:
-    fits = isinstance(value, np.ndarray) and value.ndim == kind.ndim
-    same = fits and (value.dtype is kind.dtype or value.dtype == kind.dtype)
-    if not same or not value.flags.c_contiguous:
-        what = f"{type(value).__name__} {getattr(value, 'dtype', '')}{getattr(value, 'shape', '')}"
-        raise TypeError(f"{type(record).__name__}.{name} must be a contiguous {kind}, not {what}")
+def _refuse_array(record: Any, field: Field, value: Any) -> None:
+    what = f"{type(value).__name__} {getattr(value, 'dtype', '')}{getattr(value, 'shape', '')}"
+    name = f"{type(record).__name__}.{field.name}"
+    raise TypeError(f"{name} must be a contiguous {field.kind}, not {what}")
 
 
 def units_in(record: Any) -> Iterator[CompiledUnit]:
