@@ -28,9 +28,9 @@ FIGURES = {
     _ALL: lambda: len(files_with_all()),
     "lines of README": lambda: len((structure.ROOT / "README.md").read_text().splitlines()),
 }
-# The aims are 50 000 lines and 120 files; these are held on the way. 167 run with compiled units
+# The aims are 50 000 lines and 120 files; these are held on the way. 168 run with compiled units
 # at hand: a module holds one concept, under its name.
-FILES_OF_MAIN_JOB = 167
+FILES_OF_MAIN_JOB = 168
 
 
 def files_with_all() -> list[str]:
