@@ -305,3 +305,12 @@ def say_place(point: Iterable[float], digits: int = 4) -> str:
     units = _OF_TEXTS.get()
     values = (f"{units.outward(float(x), 'm') + 0.0:.{digits}g}" for x in point)
     return f"({', '.join(values)}) {units.label('m')}"
+
+
+def percent(share: float) -> str:
+    """A share in percent, two digits below the whole.
+
+    >>> [percent(share) for share in (0.0123, 0.996, 1.23)]
+    ['1.2 %', '100 %', '123 %']
+    """
+    return f"{100 * share:.2g} %" if share < 0.995 else f"{100 * share:.0f} %"

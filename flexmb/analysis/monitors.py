@@ -80,11 +80,6 @@ class Indicator:
     against_bound: float | None = None
 
 
-def percent(share: float) -> str:
-    """A share in percent, two digits below the whole."""
-    return f"{100 * share:.2g} %" if share < 1.0 else f"{100 * share:.0f} %"
-
-
 class Monitor(Protocol):
     """An object that evaluates the rows of a run, block by block, and has indicators."""
 

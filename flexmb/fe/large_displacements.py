@@ -11,7 +11,6 @@ Karman's equations by one function (Timoshenko & Woinowsky-Krieger, Theory of Pl
 from __future__ import annotations
 
 import numpy as np
-from scipy.optimize import brentq
 
 from flexmb.fe.assembly.assemble import FEMatrices
 from flexmb.fe.assembly.interfaces import ModelInterface
@@ -19,6 +18,8 @@ from flexmb.fe.assembly.second_order_strains import has_second_order_strains, se
 from flexmb.fe.assembly.supports import Supports
 from flexmb.fe.reduction.fixed_interface import BorderedSolver
 from flexmb.flexbody.arrays import FloatArray
+from flexmb.flexbody.membrane_stiffness import small_load
+from flexmb.units import percent
 
 _LARGEST_DISPLACEMENT = 0.1  # over the size of the part, from which on linear theory is doubtful
 _ROUND_OFF = 1e-9  # of displacements of supports, over the largest
@@ -89,10 +90,10 @@ def _membrane_notes(
         left_out = 3 * C * s**2 + 2 * V * s**3
         return abs(left_out) / (K * s + left_out) - _SMALL_CHANGE
 
-    s = float(brentq(excess, 1e-9, equilibria.min(), rtol=1e-3))
+    s = small_load(excess, float(equilibria.min()))
     load = s + (3 * C * s**2 + 2 * V * s**3) / K
     verb = "reduce" if change > 0.0 else "increase"
     return [
-        f"{cause} {verb} displacements by about {100 * abs(change):.2g} %; by less than 1 % up to "
+        f"{cause} {verb} displacements by about {percent(abs(change))}; by less than 1 % up to "
         f"about {load:.2g} of these loads"
     ]

@@ -15,9 +15,11 @@ Vib. 332 (2013) 2437.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.optimize import brentq
 
 from flexmb.flexbody.arrays import Checker, FloatArray, IntArray
 
@@ -29,6 +31,19 @@ def shape_pairs(count: int) -> tuple[IntArray, IntArray]:
     """Both numbers i <= j of each product of two of so many shapes."""
     first, second = np.triu_indices(count)
     return first, second
+
+
+def small_load(excess: Callable[[float], float], end: float) -> float:
+    """The load up to `end` from which on an excess is positive that falls with smaller loads.
+
+    It may be many powers of ten below `end`: a foil is as stiff as linear theory says only while it
+    deflects by less than its thickness.
+    """
+    if excess(end) < 0.0:
+        return end
+    while excess(0.1 * end) > 0.0:
+        end *= 0.1
+    return float(brentq(excess, 0.1 * end, end, xtol=1e-4 * end, rtol=1e-3))
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from flexmb import units
 from flexmb.errors import FlexmbError, ResultFileError, SceneError
 from flexmb.flexbody.arrays import Array
 from flexmb.model.forces.contact import ContactSpec
@@ -155,7 +156,7 @@ def _row(one: EffectOutcome) -> tuple[str, ...]:
 def percent(share: float | None) -> str:
     if share is None or share > 10.0:
         return "" if share is None else "unbounded"
-    return f"{100 * share:.2g} %" if share < 1.0 else f"{100 * share:.0f} %"
+    return units.percent(share)
 
 
 def audit(

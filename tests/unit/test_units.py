@@ -8,7 +8,7 @@ import random
 import pytest
 
 from flexmb.errors import FlexmbError
-from flexmb.units import SI, UNIT_SYSTEMS, Dimension, parse_unit, unit_system
+from flexmb.units import SI, UNIT_SYSTEMS, Dimension, parse_unit, percent, unit_system
 
 QUANTITIES = (
     *("m", "kg", "s", "rad", "Hz", "m/s", "m/s^2", "rad/s", "N", "N m", "N/m", "N s/m", "Pa", "J"),
@@ -85,3 +85,8 @@ def test_saying_a_value():
     assert unit_system("mm-t-s").say(0.03, "m") == "30 mm"
     assert unit_system("mm-kg-ms").say(0.0123456789, "s", 3) == "12.3 ms"
     assert SI.say(2.5, "") == "2.5"
+
+
+@pytest.mark.parametrize("share", [0.994, 0.9951, 0.9999, 1.0, 1.004])
+def test_shares_of_nearly_the_whole_are_no_powers_of_ten(share):
+    assert percent(share) in ("99 %", "100 %")

@@ -43,6 +43,7 @@ from flexmb.flexbody.arrays import Array, skew
 from flexmb.model.model import Model
 from flexmb.model.reading import GROUND
 from flexmb.results.output_block import OutputBlock
+from flexmb.units import percent
 
 #: Change of a position sensor over its range from which a run says so.
 LARGEST_CHANGE = 0.01
@@ -378,8 +379,8 @@ class FrequencyErrorMonitor:
         say = self._units.say
         return (
             f"bodies.{body}: for want of modes a natural frequency of the scene, "
-            f"{say(hertz, 'Hz', 3)}, is too high by {_percent(shift)}, and the motion comes near "
-            f"it: sensors.{sensor} is off by about {_percent(share)} of its range (t = "
+            f"{say(hertz, 'Hz', 3)}, is too high by {percent(shift)}, and the motion comes near "
+            f"it: sensors.{sensor} is off by about {percent(share)} of its range (t = "
             f"{say(t, 's', 4)}); reduce the body with more modes"
         )
 
@@ -421,7 +422,3 @@ def _runs(numbers: NDArray[np.int64]) -> Iterator[tuple[int, int]]:
     """First index, and that behind the last, of successive equal numbers."""
     ends = [0, *(np.flatnonzero(np.diff(numbers)) + 1), len(numbers)]
     yield from ((int(a), int(b)) for a, b in zip(ends, ends[1:], strict=False))
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.2g} %" if share < 1.0 else f"{100 * share:.0f} %"

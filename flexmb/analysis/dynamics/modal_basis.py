@@ -34,7 +34,7 @@ from flexmb.analysis.dynamics.linear_elasticity import (
     in_body_axes,
     joined_frame,
 )
-from flexmb.analysis.monitors import Indicator, percent
+from flexmb.analysis.monitors import Indicator
 from flexmb.engine import initial_conditions
 from flexmb.engine.allocation import new_run, new_state, new_work
 from flexmb.engine.compile import Compiled
@@ -52,6 +52,7 @@ from flexmb.model.excitation import (
 )
 from flexmb.model.model import Model
 from flexmb.results.output_block import OutputBlock
+from flexmb.units import percent
 
 Indices = NDArray[np.int64]
 

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from scipy.optimize import brentq
 
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, one_blas_thread
 from flexmb.analysis.dynamics.joined_body import (
@@ -31,14 +30,16 @@ from flexmb.analysis.dynamics.linear_elasticity import (
     largest_lengths,
     relative_motion,
 )
-from flexmb.analysis.monitors import Indicator, percent
+from flexmb.analysis.monitors import Indicator
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody, MembraneStiffness
 from flexmb.flexbody.arrays import Array
+from flexmb.flexbody.membrane_stiffness import small_load
 from flexmb.flexbody.static_response import LEAST_MOTION
 from flexmb.model.model import Model
 from flexmb.results.output_block import OutputBlock
+from flexmb.units import percent
 
 #: Change over the deflection of the body, and of a sensor over its range, from which a run says so.
 LARGEST_CHANGE, LARGEST_SENSOR_CHANGE = 0.1, 0.01
@@ -187,7 +188,7 @@ def _small_load(one: _Plate, eta: Array, compliance: Array) -> float:
         moved, deflection = largest_lengths(np.array([change, load * eta]), one.points)
         return float(moved / deflection) - LARGEST_SENSOR_CHANGE
 
-    return 1.0 if excess(1.0) < 0.0 else float(brentq(excess, 1e-6, 1.0, rtol=1e-3))
+    return small_load(excess, 1.0)
 
 
 def _plates(compiled: Compiled, model: Model) -> Iterator[_Plate]:

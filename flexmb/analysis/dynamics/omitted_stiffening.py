@@ -45,7 +45,7 @@ from flexmb.analysis.dynamics.load_factor import (
     slender_axis,
 )
 from flexmb.analysis.dynamics.period_mean import period_mean, slow_shares, stretch
-from flexmb.analysis.monitors import Indicator, percent
+from flexmb.analysis.monitors import Indicator
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody
@@ -53,6 +53,7 @@ from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.flexbody.static_response import LEAST_MOTION
 from flexmb.model.model import Model
 from flexmb.results.output_block import OutputBlock
+from flexmb.units import percent
 
 #: Change over the deflection of the body, and of a sensor over its range, from which a run says so.
 LARGEST_CHANGE, LARGEST_SENSOR_CHANGE = 0.1, 0.01
