@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -55,10 +55,19 @@ class _Plate:
 
     columns: BodyColumns
     body: FlexBody
-    stiffness: MembraneStiffness
-    beside: MembraneStiffness  # what of it geometric stiffening has not
+    whole: MembraneStiffness
     points: Array  # (3 k, m) displacements relative to the joints, over the length
     sensors: tuple[tuple[Array, Array], ...]  # channels; (3 k, m) motion of their markers
+
+    @cached_property
+    def beside(self) -> MembraneStiffness:
+        """What of it geometric stiffening has not."""
+        return self.whole.beside_geometric_stiffness(self.body.K)
+
+    @property
+    def stiffness(self) -> MembraneStiffness:
+        """What of it the equations leave out."""
+        return self.whole if self.body.centrifugal_stiffness is None else self.beside
 
 
 class OmittedMembraneStiffnessMonitor:
@@ -196,9 +205,6 @@ def _plates(compiled: Compiled, model: Model) -> Iterator[_Plate]:
     for columns, body in flexible_columns(compiled):
         stiffness = body.membrane_stiffness
         if stiffness is not None and body.nodes is not None:
-            beside = stiffness.beside_geometric_stiffness(body.K)
-            if body.centrifugal_stiffness is not None:
-                stiffness = beside
             points = relative_motion(body, joined_frame(body, columns.name, model))[0]
             sensors = tuple(position_sensors(compiled, model, columns, body))
-            yield _Plate(columns, body, stiffness, beside, points, sensors)
+            yield _Plate(columns, body, stiffness, points, sensors)
