@@ -134,7 +134,7 @@ class Equilibrium:
         return int(np.sum(moving & (made.eigenvalues == 0.0)))  # states have no energy
 
     @cached_property
-    def held_bodies(self) -> set[str]:
+    def bodies_at_rest(self) -> set[str]:
         """Bodies that are at rest in all neutral motions."""
         made, bodies = self._linearized, self.compiled.layout.bodies
         if made is None:
@@ -161,8 +161,8 @@ class Equilibrium:
         count = self.neutral_motions
         if a is None or b is None or not count or count != other.neutral_motions:
             return False
-        held = self.held_bodies & other.held_bodies
-        if separation(self.compiled, self.state.q, other.state.q, held)[0] > _SAME_PLACE:
+        still = self.bodies_at_rest & other.bodies_at_rest
+        if separation(self.compiled, self.state.q, other.state.q, still)[0] > _SAME_PLACE:
             return False
         fastest = np.abs(a.eigenvalues).max()
         mass = sum(float(a.M[body.iv, body.iv]) for body in self.compiled.layout.bodies)
