@@ -5,7 +5,7 @@ In: a compiled model. Out: equilibria with their channels, energies and small vi
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -48,6 +48,7 @@ MAX_TURNS = 3
 _SAME_PLACE = 1e-5  # distance of two equilibria that are the same, as above
 _SAME_ENERGY = 1e-9  # relative difference of their energies
 _ENERGY_NOISE = 1e-12  # the same over that of the fastest mode at an amplitude of the model size
+_AT_REST = 1e-6  # motion of a body in a neutral motion, over the largest one, that is none
 _SAME_RATES = 1e-5  # difference of eigenvalues over the largest
 _BODY_SHARE = 0.5  # share of kinetic energy above which a mode is one of bodies, not of controllers
 _UNBALANCED = 1e-8  # largest residual force with preloads, over that without
@@ -133,6 +134,17 @@ class Equilibrium:
         return int(np.sum(moving & (made.eigenvalues == 0.0)))  # states have no energy
 
     @cached_property
+    def bodies_at_rest(self) -> set[str]:
+        """Bodies that are at rest in all neutral motions."""
+        made, bodies = self._linearized, self.compiled.layout.bodies
+        if made is None:
+            return set()
+        weights = self.compiled.system.weights
+        motion = np.abs(made.shapes[:, made.eigenvalues == 0.0]).max(axis=1, initial=0.0) * weights
+        least = _AT_REST * motion.max(initial=0.0)
+        return {one.name for one in bodies if motion[one.iv : one.iv + 6].max() <= least}
+
+    @cached_property
     def _linearized(self) -> Linearization | None:
         """The linearised equations; None if a motion has no inertia."""
         try:
@@ -141,10 +153,16 @@ class Equilibrium:
             return None
 
     def is_of_family(self, other: Equilibrium) -> bool:
-        """Whether another one has the same energy and vibrations, both with neutral motions."""
+        """Whether another one has the same energy and vibrations, both with neutral motions.
+
+        Bodies that rest in these are in the same places.
+        """
         a, b = self._linearized, other._linearized
         count = self.neutral_motions
         if a is None or b is None or not count or count != other.neutral_motions:
+            return False
+        still = self.bodies_at_rest & other.bodies_at_rest
+        if separation(self.compiled, self.state.q, other.state.q, still)[0] > _SAME_PLACE:
             return False
         fastest = np.abs(a.eigenvalues).max()
         mass = sum(float(a.M[body.iv, body.iv]) for body in self.compiled.layout.bodies)
@@ -302,10 +320,17 @@ def _random_pose(
     return None if pose is None else pose.q
 
 
-def separation(compiled: Compiled, a: Array, b: Array) -> tuple[float, str]:
-    """Distance of two positions (nq,), over the size of the model or in radians; its body."""
+def separation(
+    compiled: Compiled, a: Array, b: Array, names: Collection[str] | None = None
+) -> tuple[float, str]:
+    """Distance of two positions (nq,), over the size of the model or in radians; its body.
+
+    With `names` of these bodies only.
+    """
     scales, apart = column_scales(compiled), []
     for body in compiled.layout.bodies:
+        if names is not None and body.name not in names:
+            continue
         size = scales[body.iv] if scales[body.iv] > 0.0 else compiled.length
         far = float(np.abs(a[body.iq : body.iq + 3] - b[body.iq : body.iq + 3]).max()) / size
         p, r = a[body.iq + 3 : body.iq + 7], b[body.iq + 3 : body.iq + 7]

@@ -15,6 +15,7 @@ from restscenes import FAR, G, chain, pendulum
 
 import flexmb
 from flexmb.analysis.linear.linearization import ModeSweep
+from flexmb.analysis.linear.state_eigenmodes import eigenmodes
 from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.fe import rectangle, reduce
 from flexmb.model import Model
@@ -353,3 +354,10 @@ def test_a_state_at_rest_that_is_no_equilibrium_says_how_to_take_one():
         match='not steady.*nothing moves yet: about = "static" takes the equilibrium'
     ):
         flexmb.linearize(made)
+
+
+def test_a_stiffness_below_any_round_off_is_a_rigid_motion():
+    """Products of round-off leave such numbers beside a spring of 18.6 N/m."""
+    none = np.zeros((2, 2))
+    made = eigenmodes(np.eye(2), none, np.diag([18.6, 1e-280]), np.zeros(2, bool))
+    np.testing.assert_allclose(made.values, [0.0, 1j * np.sqrt(18.6)], atol=0.0, rtol=1e-12)

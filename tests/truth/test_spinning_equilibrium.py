@@ -148,3 +148,31 @@ def test_a_rod_grows_by_its_centrifugal_force():
     [equilibrium] = flexmb.equilibria(model, starts=1)
     stretch = equilibrium.channels(["grown"])[0] - LENGTH
     assert stretch == pytest.approx(2700.0 * speed**2 * LENGTH**3 / (3 * 70e9), rel=2e-3)
+
+
+@pytest.mark.parametrize("load", [0.0, 1.0])
+def test_a_wheel_that_turns_freely_beside_a_truss_does_not_change_its_equilibria(load):
+    """Springs of length 1.05 over a span of 2: both snapped states, and the one between them."""
+    made = Model("truss beside a wheel")
+    made.add_body("pin", mass=1.0, inertia=[1, 1, 1], position=[0, 0.3, 0])
+    made.add_marker("ground.slot", position=[0, 0.3, 0])
+    made.add_joint("slot", "prismatic", between=["ground.slot", "pin"], axis="y")
+    for side, x in (("left", -1), ("right", 1)):
+        made.add_marker(f"ground.{side}", position=[x, 0, 0])
+        made.add_force(side, "spring-damper", between=[f"ground.{side}", "pin"], stiffness=100,
+                       free_length=1.05)  # fmt: skip
+    made.add_force("push", "force", at="pin", value=[0, load, 0])
+    made.add_body("wheel", mass=1.0, inertia=[1, 1, 1])
+    made.add_joint("axle", "revolute", between=["ground", "wheel"], axis="z")
+    made.add_sensor("pin", "position", of="pin")
+    y = np.linspace(-1, 1, 1000)
+
+    def force(y):
+        return 200 * (1.05 / np.hypot(1, y) - 1) * y + load
+
+    roots = [brentq(force, a, b) for a, b in zip(y[:-1], y[1:], strict=True)
+             if force(a) * force(b) < 0]  # fmt: skip
+    found = flexmb.equilibria(made)
+    heights = sorted(one.channels(["pin.y"])[0] for one in found)
+    np.testing.assert_allclose(heights, roots, atol=1e-9)
+    assert [one.neutral_motions for one in found] == [1, 1, 1]

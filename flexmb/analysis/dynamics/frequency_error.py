@@ -194,16 +194,23 @@ class FrequencyErrorMonitor:
     def _near(self, rows: OutputBlock) -> NDArray[np.int64]:
         """(t,) number of the pose whose vibrations count for each row; new ones are computed."""
         marks, near = self._marks(rows), np.zeros(len(rows.t), np.int64)
-        for k, mark in enumerate(marks):
-            away = [float(np.linalg.norm(mark - other)) for other, _ in self._poses]
+        away = [np.linalg.norm(marks - mark, axis=1) for mark, _ in self._poses]
+        first = 0
+        while first < len(marks):
             most = _MOST_POSES
             if all(pose.is_exact(self._duration) for _, pose in self._poses):
                 most = _EXACT_POSES
-            if not away or (min(away) > _NEAR and len(away) < most):
-                self._poses.append((mark, self._pose(rows, k)))
-                near[k] = len(away)
-            else:
-                near[k] = int(np.argmin(away))
+            last = len(marks) if away else first
+            if away:
+                to_pose = np.array(away)[:, first:]
+                far = np.flatnonzero(to_pose.min(axis=0) > _NEAR)
+                last = first + int(far[0]) if len(far) and len(away) < most else last
+                near[first:last] = to_pose[:, : last - first].argmin(axis=0)
+            if last < len(marks):
+                self._poses.append((marks[last], self._pose(rows, last)))
+                near[last] = len(away)
+                away.append(np.linalg.norm(marks - marks[last], axis=1))
+            first = last + 1
         return near
 
     def _marks(self, rows: OutputBlock) -> Array:

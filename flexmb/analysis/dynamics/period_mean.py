@@ -78,5 +78,5 @@ def period_mean(
     begins = np.isnan(passed) | np.isnan(mean)
     weight = np.where(begins, 1.0, np.minimum(passed, _MAX_ROW_WEIGHT))
     mean = np.where(begins, values, mean + weight * (values - mean))
-    counts = np.where(np.nan_to_num(passed) > _RARE_ROWS, slow, 0.0)
+    counts = np.where(passed > _RARE_ROWS, slow, 0.0)
     return mean, mean + counts * (values - mean)

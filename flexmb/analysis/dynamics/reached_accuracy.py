@@ -36,9 +36,10 @@ _MAX_ENERGY_ERROR = 0.05  # energy error over the energy exchanged, above which 
 # Mean departure of quasi-static modes in a step from the path of their rates, over their mean
 # deformation, above which steps are too long for them. One step in fifty that jumps has as much.
 _MAX_LAG = 0.02
-# Curves through points that are looked at: least number of points, largest number of steps for
-# each, of periods; distance of a point and the end of a step that are the same, over the run.
-_MIN_POINTS, _MAX_STEPS, _MAX_REPETITIONS, _SAME_TIME = 300, 4.0, 10_000, 1e-9
+# Curves through points that are looked at: least number of points in the run, and of the curve
+# (fewer are corners of a shape that is meant); largest number of steps for each; distance of a
+# point and the end of a step that are the same, over the run.
+_MIN_POINTS, _MIN_KNOTS, _MAX_STEPS, _SAME_TIME = 300, 50, 4.0, 1e-9
 _MIN_MISSING_VIBRATION = 0.05  # least missing vibration of a reaction in a note, over its range
 
 
@@ -216,7 +217,10 @@ def steps_at_points(run: Integration, model: Model) -> Iterator[str]:
     events = run.compiled.system.time_events[:, 0]
     for _, path, function in driving_functions(model):
         curve, kind = function.curve, function.source
-        if curve is None or not isinstance(kind, Mapping):
+        if curve is None or not isinstance(kind, Mapping) or len(curve.knots) < _MIN_KNOTS:
+            continue
+        periods = int(spec.duration / curve.period) if curve.period > 0.0 else 1
+        if periods > 1 and periods * (len(curve.knots) - 1) > 2 * steps:
             continue
         times = _times_of_points(curve, spec.duration)
         if len(times) < _MIN_POINTS or not len(times) / 2 <= steps <= _MAX_STEPS * len(times):
@@ -245,7 +249,7 @@ def _times_of_points(curve: Piecewise, end: float) -> Array:
     """Times of the points within the run [s]."""
     times = curve.knots
     if curve.period > 0.0:
-        turns = np.arange(-1, min(int(end / curve.period), _MAX_REPETITIONS) + 1)
+        turns = np.arange(-1, int(end / curve.period) + 1)
         times = np.unique(times[None, :-1] + (turns * curve.period)[:, None])
     return times[(times > 0.0) & (times < end)]
 

@@ -25,7 +25,7 @@ from flexmb.units import UnitSystem
 _MIN_HEIGHT, _MIN_AREA = 0.05, 1e-6
 _INNER = np.array([1e-6, 0.25, 0.5, 0.75, 1.0 - 1e-6])  # places between two events
 _GRID_INTERVALS = 500  # of the run, for range and area of a function
-_MAX_PAIRS = 500  # most pairs of neighbouring events that are examined
+_MAX_PAIRS = 500  # most pairs of neighbouring events that are examined, the most apart
 _STEPS_OF_PULSE = 4.0  # advised steps in a pulse
 _MAX_TEXT = 60  # characters of a function in a sentence
 
@@ -89,7 +89,7 @@ def pulses_between_stages(ops: Program, stages: Array, step: float, duration: fl
     times = {*derivative_jumps(program, duration, derivatives=3)}
     times |= {*switch_times(program, duration), *brief_changes(program, duration)}
     events = np.array(sorted(times))
-    close = np.flatnonzero(np.diff(events) < step)[:_MAX_PAIRS]
+    close = np.flatnonzero(np.diff(events) < step)
     if len(close) == 0:
         return []
 
@@ -99,6 +99,17 @@ def pulses_between_stages(ops: Program, stages: Array, step: float, duration: fl
     grid = np.linspace(0.0, duration, _GRID_INTERVALS + 1)
     everywhere = np.union1d(grid, events)
     levels = values(everywhere)
+    if len(close) > _MAX_PAIRS:
+        middles = values(events[close] + 0.5 * np.diff(events)[close])
+        ends = levels[np.searchsorted(everywhere, events)]
+        own = np.array([ends[close], middles, ends[close + 1]])
+        beside = np.array(
+            [np.interp(events[close] + side, everywhere, levels) for side in (-step, step)]
+        )
+        apart = np.maximum(
+            (own - beside.max(axis=0)).max(axis=0), (beside.min(axis=0) - own).max(axis=0)
+        )
+        close = np.sort(np.argsort(-apart, kind="stable")[:_MAX_PAIRS])
     inner = events[close, None] + np.diff(events)[close, None] * _INNER
     heights = values(inner.ravel()).reshape(inner.shape)
     size = float(np.ptp(np.concatenate([levels, heights.ravel()])))

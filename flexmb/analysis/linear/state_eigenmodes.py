@@ -31,6 +31,7 @@ Complex = NDArray[np.complex128]
 
 _ASYMMETRY = 1e-9  # A − Aᵀ that is round-off, over the largest element
 _WIDE_SPECTRUM = 1e6  # ratio of ω² above which the lower half comes from the inverse problem
+_UNDERFLOW = 1e-40  # ω² over the largest one that only products of round-off make
 _ROUND_OFF = 1e-13  # relative round-off of a Rayleigh quotient, over the sum of its terms
 _NEGLIGIBLE = 1e-14  # relative size of damping terms that are round-off
 _EQUAL_SHAPES = 1e-3  # distance of two unit shapes that are the same rigid motion
@@ -105,7 +106,8 @@ def _undamped(K: Array) -> tuple[Complex, Complex]:
     """λ = √(−ω²) and shapes of K y = ω² y, K symmetric (n, n)."""
     K = 0.5 * (K + K.T)
     squares, shapes = np.linalg.eigh(K)
-    if squares[0] > 0.0 and squares[-1] > _WIDE_SPECTRUM * squares[0]:
+    ratio = squares[0] / squares[-1] if squares[-1] > 0.0 else 0.0
+    if _UNDERFLOW < ratio < 1.0 / _WIDE_SPECTRUM:
         half = np.linalg.inv(np.linalg.cholesky(K))  # K⁻¹ = halfᵀ half
         inverse, low = np.linalg.eigh(half.T @ half)
         below = squares < np.sqrt(squares[0] * squares[-1])
@@ -141,6 +143,7 @@ def _clean_eigenvalues(
     size = np.abs(shapes)
     mass, damping, stiffness = (np.einsum("ik,ik->k", size, np.abs(matrix) @ size) for matrix in of)
     limit = _ROUND_OFF * (stiffness / mass + (damping / mass) ** 2 + 100.0 * rate**2)
+    limit = limit + _UNDERFLOW * np.abs(values).max(initial=0.0) ** 2
     values = np.where(np.abs(values) ** 2 <= limit, 0.0, values)
     noise = np.abs(values.real) <= _NEGLIGIBLE * 100.0 * np.abs(values).max(initial=0.0)
     return np.where(noise, 1j * values.imag, values)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import tracemalloc
 import warnings
 
 import numpy as np
@@ -13,10 +14,10 @@ import flexmb
 TIMES = np.linspace(0.0, 10.0, 2001)
 
 
-def notes(kind, scatter=0.0, accuracy=1e-3, **options):
+def notes(kind, scatter=0.0, points=None, accuracy=1e-3, **options):
     """Notes of a cart on a spring that a force pushes; the force is one through 2001 points."""
     force = np.sin(np.pi * TIMES) + scatter * np.random.default_rng(3).standard_normal(2001)
-    points = np.column_stack([TIMES, force]).tolist()
+    points = points or np.column_stack([TIMES, force]).tolist()
     made = flexmb.Model("cart")
     made.add_body("cart", mass=1.0, inertia=[1, 1, 1])
     made.add_joint("rail", "prismatic", between=["ground", "cart"], axis="x")
@@ -59,3 +60,29 @@ def test_points_that_scatter_less_than_the_accuracy_are_not_told():
 def test_the_accuracy_by_default_counts_too():
     steps, [sentence] = notes("spline", scatter=0.02, accuracy=None)
     assert f"its 1999 points decide the number of steps, {steps}" in sentence
+
+
+@pytest.mark.parametrize(
+    "corners",
+    [
+        [[0, 0], [0.01, 1], [0.03, -1], [0.04, 0]],
+        [[0, 0], [0.01, 1], [0.02, 1], [0.021, 0], [0.04, 0]],
+    ],
+)
+def test_corners_of_a_wave_that_is_meant_are_no_points_of_a_smooth_curve(corners):
+    steps, told = notes("table", points=corners, beyond="repeat")
+    assert steps > 1000
+    assert told == []
+
+
+def test_a_fine_curve_that_is_repeated_often_takes_no_memory_of_all_its_points():
+    times = np.linspace(0.0, 1e-3, 2001)
+    fast = np.column_stack([times, np.sin(2e3 * np.pi * times).round(12)]).tolist()
+    tracemalloc.start()
+    try:
+        _, told = notes("spline", points=fast, beyond="repeat")
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert told == []
+    assert peak < 100e6  # 10 000 times 2000 points are 160 MB

@@ -67,6 +67,16 @@ def test_many_pulses_are_one_sentence():
     assert len(note) < 400
 
 
+@pytest.mark.parametrize("at", [0.1035, 0.9035])
+def test_a_pulse_in_thousands_of_noisy_points_is_told_wherever_it_is(at):
+    times = np.linspace(0, 1, 4001)
+    force = 0.01 * np.random.default_rng(2).normal(size=4001)
+    force[np.abs(times - at).argmin()] = 30.0
+    table = {"type": "table", "points": np.column_stack([times, force]).tolist()}
+    (note,), _ = hit(table, method="generalized-alpha", step=0.02)
+    assert f"at t = {str(at)[:5]}" in note
+
+
 @pytest.mark.parametrize(("speed", "advised"), [(100.0, None), (103.0, 0.0092), (101.0, 0.0094)])
 def test_steps_that_are_advised_for_a_turn_are_short_enough(speed, advised):
     """1 rad in a step is the limit: it is no fault, and an advised step is below it."""
