@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 from zlib import crc32
 
-from flexmb.errors import OutputError
+from flexmb.errors import OutputError, Problem, nearest
 
 
 def cache_root() -> Path:
@@ -48,6 +48,17 @@ def output_folder(scene: str | Path) -> Path:
     return Path("out") / (
         Path(os.path.abspath(path)).parent.name if path.stem == "scene" else path.stem
     )
+
+
+def missing_file(path: Path, what: str = "no such file") -> Problem:
+    """The problem of a file that is not there, with the nearest names in its folder."""
+    try:
+        names = sorted(entry.name for entry in path.parent.iterdir())
+    except OSError:
+        folder = path.parent
+        what += "" if folder.is_dir() else f": the folder {folder} does not exist"
+        return Problem(str(path), what)
+    return Problem(str(path), what, (), nearest(path.name, names))
 
 
 def writable_folder(folder: Path) -> Path:

@@ -290,8 +290,8 @@ def response(
         screen.line(f"largest: {abs(answer[largest]):.5g} at {values[largest]:.5g} Hz")
     none = [f"{values[k]:.5g}" for k in range(len(values)) if k not in finite]
     if none:
-        screen.line(f"no steady response at {', '.join(none)} Hz: the motion grows without bound "
-                    "there; beside controllers and of drivers there is none at 0 Hz")  # fmt: skip
+        where = ", ".join(none)
+        screen.line(f"no steady response at {where} Hz: the motion grows without bound there")
     if output is not None:
         from flexmb.view.modes import response_figure
         from flexmb.view.plot import save_figure

@@ -148,9 +148,12 @@ def reduce(
         bodies, notes, checks = scene.bodies, scene.notes, scene.checks
         scene_units = scene.units
     else:
+        from flexmb.fe.meshes.mesh_file import check_is_there
+
         of_scene = {"body": body, "set": overrides, "fresh": fresh}
         refuse_options(of_scene, "belongs to a scene (.toml)")
         if material is None:
+            check_is_there(source)
             raise typer.BadParameter("is needed with a mesh file", param_hint="--material")
         sections = parse_pairs(section, "--section").items()
         ends = parse_pairs(interface, "--interface").items()

@@ -182,3 +182,76 @@ def test_what_acts_between_two_bodies_moves_both():
     wanted = (-1 / masses[0], 1 / masses[1], -1 / masses[1], -arm[1] / J, arm[0] / J,
               (1 - arm[0]) / J)  # fmt: skip
     np.testing.assert_allclose(list(D.values()), wanted, rtol=1e-9)
+
+
+def test_static_responses_are_limits():
+    """A cart that a force pulls ever faster holds its pendulum at the angle −a/g; the cart itself
+    has no limit. Beside it a slider on a spring k, and one in a damper, which creeps without end
+    and shows only with a factor of 1e-6."""
+    k = 80.0
+    model = Model("cart", gravity=[0, -G, 0])
+    for name, mass in (("cart", 1.0), ("sprung", 3.0), ("creeping", 4.0)):
+        model.add_body(name, mass=mass, inertia=[1, 1, 1])
+        model.add_joint(f"{name}_rail", "prismatic", between=["ground", name], axis="x")
+        model.add_sensor(name, "position", of=name)
+    model.add_body("bar", mass=2.0, center=[0, -0.5, 0], inertia=[0.2, 0.2, 0.3])
+    model.add_joint("pin", "revolute", between=["cart", "bar"], axis="z")
+    model.add_sensor("turn", "angle", joint="pin")
+    model.add_sensor("speed", "velocity", of="sprung")
+    model.add_sensor("rate", "acceleration", of="cart")
+    model.add_force("spring", "bushing", between=["ground", "sprung"], stiffness=[k, 0, 0])
+    model.add_force("oil", "bushing", between=["ground", "creeping"], damping=[5.0, 0, 0],
+                    stiffness=[0, 0, 0])  # fmt: skip
+    for name in ("cart", "sprung", "creeping"):
+        model.add_force(f"push_{name}", "force", at=name, value=[0, 0, 0])
+    model.add_sensor("mixed", "expression", value="sprung.x + 1e-6*creeping.x", unit="m")
+    made = flexmb.linearize(model)
+    for force, channel, wanted in (
+        ("push_cart.x", "turn", -1 / (3.0 * G)),
+        ("push_cart.x", "rate.x", 1 / 3.0),
+        ("push_cart.x", "cart.x", np.nan),
+        ("push_sprung.x", "sprung.x", 1 / k),
+        ("push_sprung.x", "speed.x", 0.0),
+        ("push_creeping.x", "creeping.x", np.nan),
+        ("push_sprung.x", "mixed", 1 / k),
+        ("push_creeping.x", "mixed", np.nan),
+    ):
+        found = made.frequency_response(force, channel, [0.0, 1.0])
+        np.testing.assert_allclose(found[0], wanted, rtol=1e-9, atol=1e-15, err_msg=channel)
+        assert np.isfinite(found[1])
+
+
+def test_static_responses_beside_controllers_and_to_drivers():
+    """A disk that a gain holds turns by 1/gain, with or without a state that adds up its speed;
+    with an integral term it returns to zero, and the controller gives the whole moment back. A
+    slider on a rod follows its crank by the derivative of their equation."""
+    gain, r, l, phi = 8.0, 0.2, 0.5, 0.7  # noqa: E741
+    for ki, turn, torque in ((0.0, 1 / gain, -1.0), (3.0, 0.0, -1.0)):
+        model = Model("servo")
+        model.add_body("disk", mass=3.0, inertia=[0.01, 0.01, 0.02])
+        model.add_joint("shaft", "revolute", between=["ground", "disk"], axis="z")
+        model.add_sensor("angle", "angle", joint="shaft")
+        model.add_sensor("speed", "angle", joint="shaft", derivative=1)
+        model.add_controller("hold", "pid", input="0 - angle", kp=gain, ki=ki, unit="N m")
+        model.add_state("turned", rate="speed", unit="rad")
+        model.add_force("motor", "rotational-spring-damper", joint="shaft",
+                        value="hold - 0.4*speed")  # fmt: skip
+        model.add_sensor("moment", "expression", value="hold", unit="N m")
+        made = flexmb.linearize(model)
+        for channel, wanted in (("angle", turn), ("turned", turn), ("moment", torque)):
+            (found,) = made.frequency_response("motor", channel, [0.0])
+            assert found == pytest.approx(wanted, rel=1e-9, abs=1e-12), (ki, channel)
+    far = r * np.cos(phi) + np.sqrt(l**2 - (r * np.sin(phi)) ** 2)
+    model = Model("crank", plane="xy")
+    turned = {"orientation": {"axis": "z", "angle": f"{phi} rad"}}
+    model.add_body("crank", mass=1.0, inertia=[1, 1, 1], **turned)
+    model.add_marker("crank.pin", position=[r, 0, 0])
+    model.add_body("slider", mass=1.0, inertia=[1, 1, 1], position=[far, 0, 0])
+    model.add_joint("axle", "revolute", between=["ground", "crank"], axis="z")
+    model.add_joint("guide", "prismatic", between=["ground", "slider"], axis="x")
+    model.add_joint("rod", "distance", between=["crank.pin", "slider"], length=l)
+    model.add_driver("motor", joint="axle", angle="0*t")
+    model.add_sensor("slider", "position", of="slider")
+    (found,) = flexmb.linearize(model).frequency_response("motor", "slider.x", [0.0])
+    slope = -r * np.sin(phi) * (1 + r * np.cos(phi) / (far - r * np.cos(phi)))
+    assert found == pytest.approx(slope, rel=1e-9)

@@ -233,8 +233,9 @@ class Linearization:
         return state_space(self.seen, inputs, outputs)
 
     def frequency_response(self, input: str, output: str, frequencies: ArrayLike) -> Complex:
-        """Complex response (k,) of a channel to a unit of an actuator, at frequencies [Hz]."""
-        return frequency_response(self.seen, input, output, np.asarray(frequencies, float))
+        """Response (k,) of a channel to a unit of an actuator, at frequencies [Hz]; 0: static."""
+        modes, hertz = (lambda: self._own_modes.values), np.asarray(frequencies, float)
+        return frequency_response(self.seen, input, output, hertz, modes)
 
     def __repr__(self) -> str:
         return f"<Linearization of {len(self.coordinates)} coordinates at t = {self.time:g} s>"

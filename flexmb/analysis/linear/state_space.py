@@ -3,12 +3,13 @@
 f are forces of actuators, u coordinates that drivers prescribe. The motion x, ẋ, ẍ and ÿ are
 matrices X0, X1, X2 and Y times the column (y, ẏ, u, u̇ | f, ü). A sensor c(q, v, v̇, λ) is
 linearised by differences. The input of a driver is its acceleration, with its value and rate as
-states, so that all transfer functions are proper. Its frequency response is that to its value.
+states, so that all transfer functions are proper. Its frequency response is that to its value; at
+zero it is the limit, if there is one.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -24,6 +25,11 @@ from flexmb.flexbody.arrays import Array
 _POSITION_STEP = 1e-3  # step of differences, over the model size or in radians
 _FIRST_DERIVATIVE = ((-2.0, 1.0 / 12.0), (-1.0, -2.0 / 3.0), (1.0, 2.0 / 3.0), (2.0, -1.0 / 12.0))
 _AXES = "xyz"
+_FAR_BELOW = 1.0 / 64.0  # of the slowest mode: there its response is a power series
+_FARTHER = 1e-3  # of that: where a part that grows without bound shows
+_SHRINKS = 0.6  # change of a value with half the frequency, over the one before: 1/2; a pole 2 or 4
+_EQUAL_LIMITS = 1e-6  # difference of two extrapolations that are the same, over the values
+_ROUND_OFF = 1e-10  # of the sum of the terms of a channel, over the terms
 _ZERO_FORCE = 1e-12  # a generalised force per unit of an actuator below this counts as zero
 
 
@@ -193,7 +199,11 @@ def state_space(
 
 
 def frequency_response(
-    minimal: MinimalEquations, input: str, output: str, frequencies: Array
+    minimal: MinimalEquations,
+    input: str,
+    output: str,
+    frequencies: Array,
+    modes: Callable[[], NDArray[np.complex128]],
 ) -> NDArray[np.complex128]:
     """Steady response of a channel to a unit of an actuator, at each frequency.
 
@@ -204,31 +214,63 @@ def frequency_response(
     input, output : str
         An actuator (N, N m; of a driver m or rad) and a channel, as of `state_space`.
     frequencies : (k,) array
-        In Hz, not zero for a driver or a controller.
+        In Hz; at zero the limit of a motion that is ever slower.
+    modes : callable
+        Gives the eigenvalues [1/s], zero for rigid motions; called for a limit.
 
     Returns
     -------
     (k,) complex array
-        Amplitude and phase; not finite at an undamped frequency itself.
+        Amplitude and phase; not finite at an undamped frequency itself, and where there is no
+        limit.
     """
     forces, rows, _ = _select(actuators(minimal), [input])
     rates = _motion(minimal, forces, rows)
     n, d = minimal.coordinates.n, len(rows)
     C, _ = _outputs(minimal, rates, [output])
-    response = np.zeros(len(frequencies), complex)
-    for i, frequency in enumerate(frequencies):
-        s = 2j * np.pi * float(frequency)
-        # the input is f, or u with u̇ = s u and ü = s² u; ÿ then follows from the rest of Y
+    # the input is f, or u with u̇ = s u and ü = s² u; ÿ then follows from the rest of Y
+    columns = [2 * n, 2 * n + 1, 2 * n + 2] if d else [2 * n]
+
+    def terms(s: complex) -> NDArray[np.complex128]:
+        """The terms of the channel, whose sum it is."""
         acting = np.array([1.0, s, s * s]) if d else np.array([1.0])
-        columns = [2 * n, 2 * n + 1, 2 * n + 2] if d else [2 * n]
         right = rates.Y[:, columns] @ acting
         A = s * s * np.eye(n) - s * rates.Y[:, n : 2 * n] - rates.Y[:, :n]
         try:
             y = np.linalg.solve(A, right) if n else right
         except np.linalg.LinAlgError:
             y = np.full(n, np.nan, complex)
-        response[i] = (C[0, : 2 * n] @ np.concatenate([y, s * y])) + C[0, columns] @ acting
+        return np.concatenate([C[0, : 2 * n] * np.concatenate([y, s * y]), C[0, columns] * acting])
+
+    response = np.array([terms(2j * np.pi * float(f)).sum() for f in frequencies], complex)
+    if not np.all(frequencies):
+        sizes = np.abs(modes()) if n else np.zeros(0)
+        response[frequencies == 0.0] = _slow_limit(terms, min(sizes[sizes > 0.0], default=1.0))
     return response
+
+
+def _slow_limit(terms: Callable[[complex], NDArray[np.complex128]], slowest: float) -> float:
+    """The limit of a response at zero frequency; nan if it grows without bound.
+
+    At zero itself the equations of states that add up a rate, and of rigid motions, are singular,
+    also where the channel does not show them. Far below the slowest mode the real part is even in
+    the frequency; it is extrapolated (Richardson) from three frequencies, each half of the one
+    before. A fourth, much lower, shows a part that grows slowly.
+    """
+    all_terms = [terms(1j * slowest * _FAR_BELOW * part) for part in (1.0, 0.5, 0.25, _FARTHER)]
+    h0, h1, h2, low = (complex(one.sum()) for one in all_terms)
+    floors = [_ROUND_OFF * float(np.abs(one).sum()) for one in all_terms]
+    size = max(map(abs, (h0, h1, h2)))
+    floor = max(_ROUND_OFF * size, *floors[:3])
+    a, b = (4.0 * h1.real - h0.real) / 3.0, (4.0 * h2.real - h1.real) / 3.0
+    limit = (16.0 * b - a) / 15.0
+    if (
+        abs(h2 - h1) <= max(_SHRINKS * abs(h1 - h0), floor)
+        and abs(limit - b) <= _EQUAL_LIMITS * size + floor
+        and abs(low - limit) <= 2.0 * _FARTHER * size + floors[3]
+    ):
+        return limit if abs(limit) > floor else 0.0
+    return float("nan")
 
 
 def _select(of: Actuators, names: Sequence[str] | None) -> tuple[Array, list[int], tuple[str, ...]]:

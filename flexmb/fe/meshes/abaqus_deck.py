@@ -286,7 +286,8 @@ class _Part:
             return False
         if card.options.get("TYPE", "ELEMENT").upper() == "NODE":
             parts = [list(nodes.of(row[0])) or nodes.one(row[0]) for row in rows]
-            nodes.add(name, [number for part in parts for number in part])
+            if all(parts):
+                nodes.add(name, [number for part in parts for number in part])
             return all(parts)
         sides: list[int] = []
         faces: list[tuple[str, list[int]]] = []

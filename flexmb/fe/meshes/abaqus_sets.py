@@ -165,9 +165,18 @@ class Sets:
         return before + int(number)
 
     def one(self, text: str) -> list[int]:
-        """The number of an element or node, perhaps in an instance, if there is such a one."""
+        """The number of an element or node, perhaps in an instance, if there is such a one.
+
+        A number that the assembly itself does not have is that of the only instance.
+        """
         number = self.number(text) if text.rpartition(".")[2].isdigit() else 0
+        if text.isdigit() and len(self._instances) == 1 and not self._has(number):
+            before, last = self._span(self._instances[0])
+            number = before + int(text) if before + int(text) <= last else 0
         return [number] if number in self._present else []
+
+    def _has(self, number: int) -> bool:
+        return number in self._present or number in self.left_out
 
     def _span(self, instance: str) -> tuple[int, int]:
         if not instance or not self._spans:

@@ -27,6 +27,7 @@ from flexmb.fe.meshes.nastran_deck import is_nastran, read_nastran
 from flexmb.fe.meshes.scikit_fem_mesh import has_skfem_groups, mesh_of_skfem_file
 from flexmb.fe.meshes.vtk_cells import cells_left_out, rename_cells, teach_meshio
 from flexmb.flexbody.arrays import IntArray
+from flexmb.folders import missing_file
 from flexmb.untrusted import check_reading, hdf5_beside, serve_reading
 
 Groups = dict[str, dict[str, list[IntArray]]]
@@ -49,14 +50,27 @@ def read_mesh(path: str | os.PathLike[str]) -> Mesh:
         No such file, or one that cannot be read.
     """
     source = Path(path)
-    if not source.is_file():
-        raise MeshError(f"{source}: there is no such mesh file")
+    check_is_there(source)
     if not source.stat().st_size:
         raise MeshError(f"{source}: the mesh file is empty; export it again")
     problem = check_reading(source, "flexmb.fe.meshes.mesh_file")
     if problem is not None:
         raise MeshError(f"{source}: the mesh file {problem}")
     return _read(source)
+
+
+def check_is_there(source: Path) -> None:
+    """Refuse a mesh file that is missing or a folder, with the nearest names.
+
+    Raises
+    ------
+    MeshError
+        It is.
+    """
+    if source.is_dir():
+        raise MeshError(f"{source}: is a folder, not a mesh file")
+    if not source.is_file():
+        raise MeshError.from_problems([missing_file(source, "there is no such mesh file")])
 
 
 def _read(source: Path) -> Mesh:

@@ -20,8 +20,9 @@ from pydantic import TypeAdapter
 from pydantic.json_schema import GenerateJsonSchema
 from pydantic_core import core_schema
 
-from flexmb.errors import FlexmbWarning, Problem, SceneError, nearest
+from flexmb.errors import FlexmbWarning, Problem, SceneError
 from flexmb.flexbody.planar_body import PLANES
+from flexmb.folders import missing_file
 from flexmb.model.body import RigidBodySpec, UnitsName
 from flexmb.model.control import StateSpec
 from flexmb.model.flexible_body import FlexbodySpec
@@ -114,7 +115,7 @@ def _text(path: Path) -> str:
             raise SceneError(f"{path}: has more than {_MAX_BYTES / 1e6:g} MB, a scene has some kB")
         return path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
-        raise SceneError.from_problems([_not_there(path)]) from None
+        raise SceneError.from_problems([missing_file(path)]) from None
     except UnicodeDecodeError as error:
         what = f"is no text in UTF-8 (byte {error.start}); a scene is a TOML file"
         raise SceneError.from_problems([Problem(str(path), what)]) from None
@@ -126,20 +127,7 @@ def _text(path: Path) -> str:
         raise SceneError(f"{path}: cannot be read ({reason})") from None
 
 
-def _not_there(path: Path) -> Problem:
-    if path.parent.is_dir():
-        return Problem(str(path), "no such file", (), nearest(path.name, _listing(path.parent)))
-    return Problem(str(path), f"no such file: the folder {path.parent} does not exist")
-
-
 _SECTION = re.compile(r"\s*\[+\s*(?P<name>[^\]]*)")
-
-
-def _listing(folder: Path) -> list[str]:
-    try:
-        return sorted(entry.name for entry in folder.iterdir())
-    except OSError:
-        return []
 
 
 def _parse(path: Path, text: str) -> dict[str, Any]:

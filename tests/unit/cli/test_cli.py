@@ -240,10 +240,17 @@ def test_reduce_takes_a_scene(workflow: Workflow) -> None:
         (("a.toml", "--material", "steel"), "a scene says it itself"),
         (("a.toml", "--modes", "5"), "a scene says it itself"),
         (("a.msh", "--material", "steel", "--body", "rod"), "belongs to a scene"),
-        (("a.msh",), "is needed with a mesh file"),
+        (("there.msh",), "is needed with a mesh file"),
+        (("thre.msh",), "thre.msh: there is no such mesh file; nearest: there.msh"),
+        (("no/a.msh",), "no/a.msh: there is no such mesh file: the folder no does not exist"),
+        ((".",), "is a folder, not a mesh file"),
     ],
 )
-def test_reduce_refuses_options_of_the_other_kind(workflow, words, sentence) -> None:
+def test_reduce_refuses_options_of_the_other_kind_and_missing_files(
+    workflow, words, sentence, tmp_path, monkeypatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("there.msh").touch()
     done = call("reduce", *words)
     assert done.exit_code == 2
     assert sentence in " ".join(done.stderr.split())

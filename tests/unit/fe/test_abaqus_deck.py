@@ -330,6 +330,29 @@ def test_sets_of_the_assembly_without_an_instance_are_of_the_only_one(tmp_path, 
     assert groups(read(tmp_path, assembly(rest=rest)))["s"] == nodes
 
 
+@pytest.mark.parametrize(
+    ("rest", "nodes"),
+    [
+        ("*Surface, name=s\n1, S2\n", [4, 5, 6, 7]),
+        ("*Surface, name=s, type=node\n5\n", [4]),
+        ("*Surface, name=s, type=node\n1\n", [8]),  # the assembly has a node 1 too
+        ("*Surface, name=s\n2, S2\n", None),  # neither has an element 2,
+        ("*Surface, name=s, type=node\n9\n", None),  # nor a node 9, though there are nine
+        ("*Element, type=MASS, elset=ball\n 1, 1\n*Surface, name=s\n1, S2\n", None),
+    ],
+)
+def test_numbers_of_surfaces_of_the_assembly_are_of_the_only_instance(tmp_path, rest, nodes):
+    mesh = read(tmp_path, assembly(rest=rest))
+    assert groups(mesh).get("s") == nodes
+    assert ("1 SURFACE" in mesh.note) == (nodes is None)
+
+
+def test_a_number_of_a_surface_is_of_none_of_several_instances(tmp_path):
+    mesh = read(tmp_path, assembly(TWO, "*Surface, name=s\n1, S2\n"))
+    assert "s" not in groups(mesh)
+    assert "1 SURFACE, not read" in mesh.note
+
+
 def test_a_set_of_a_mass_of_the_assembly_is_none_of_an_instance(tmp_path):
     rest = "*Element, type=MASS, elset=ball\n 1, 1\n*Elset, elset=all\n 1\n"
     assert groups(read(tmp_path, assembly(TWO, rest))).keys().isdisjoint(["all", "ball"])
