@@ -23,6 +23,7 @@ from flexmb.fe.elements.element_blocks import FAMILIES, Block
 from flexmb.fe.elements.shell_fields import WARP_WARNING, warp
 from flexmb.fe.meshes.mesh import Mesh, dimension
 from flexmb.flexbody.arrays import FloatArray, IntArray
+from flexmb.units import say_length
 
 CORNERS: dict[str, tuple[str, float]] = {
     "triangle": ("12 20 01", 2 / math.sqrt(3)),
@@ -130,7 +131,7 @@ def size_sentence(points: FloatArray, unit: float = 1.0) -> str:
     extent = float(np.ptp(points, axis=0).max())
     if _EXTENT[0] * min(1.0, unit / 1e-3) <= extent <= _EXTENT[1]:
         return ""
-    return f"the mesh extends over {extent:g} m: is its unit system the right one?"
+    return f"the mesh extends over {say_length(extent)}: is its unit system the right one?"
 
 
 def parts(count: int, groups: Sequence[IntArray]) -> IntArray:

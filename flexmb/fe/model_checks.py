@@ -28,6 +28,7 @@ from flexmb.fe.reduction.user_modes import read_user_modes
 from flexmb.fe.sections.beam_chain import BoundBeam
 from flexmb.flexbody.arrays import FloatArray, IntArray, is_nonzero
 from flexmb.materials import plausibility
+from flexmb.units import say_length
 
 # largest |n_x| of element normals that reaches the switch of the default axis at `STEEP` without
 # hinting at a curved shell; flat walls at 0 or 90 degrees pass
@@ -167,7 +168,7 @@ def model_findings(
     if not sentences[-1] and None not in of:
         mass = nominal_mass(model.blocks, model.mesh.points)
         extent = float(np.ptp(model.mesh.points[model.numbering.nodes], axis=0).max())
-        what = f"the mesh extends over {extent:.4g} m and has a mass of {mass:.3g} kg"
+        what = f"the mesh extends over {say_length(extent, 4)} and has a mass of {mass:.3g} kg"
         sentences += [f"{what}: is its unit system the right one?"] * (mass > _MAX_MASS)
     return [
         *(Finding("warning", sentence) for sentence in sentences if sentence),

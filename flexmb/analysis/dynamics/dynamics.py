@@ -137,7 +137,7 @@ def prepare_dynamics(
     notes = [*assembled.notes, *_friction_notes(model), *redundancy, *algebraic_loop_notes(model)]
     grid = time_grid(spec)
     if spec.step is not None and grid.step < spec.step * (1.0 - 1e-9):
-        change = f"from {spec.step:g} s to {grid.step:.6g} s"
+        change = f"from {model.units.say(spec.step, 's')} to {model.units.say(grid.step, 's')}"
         end = "the end" if isinstance(spec.outputs, tuple) else "the outputs"
         notes.append(f"step shortened {change} to meet {end}")
     if grid.step:

@@ -151,8 +151,7 @@ class OmittedMembraneStiffnessMonitor:
                 value, level = seen, LARGEST_SENSOR_CHANGE
             verb = "reduce" if moved < 0.0 else "increase"
             cured = one.body.centrifugal_stiffness is None and left < _CURED * abs(moved)
-            limit = None if cured else small
-            text = partial(self._sentence, one, verb, (share, seen), t, (deflection, limit))
+            text = partial(self._sentence, one, verb, (share, seen), t, (deflection, small), cured)
             bound = share if seen is None else min(share, seen)
             yield Indicator(one.columns.name, _QUANTITY, value, t, level, text, bound)
         for k, t in enumerate(self._snaps):
@@ -166,18 +165,20 @@ class OmittedMembraneStiffnessMonitor:
         verb: str,
         shares: tuple[float, float | None],
         t: float,
-        deflections: tuple[float, float | None],
+        deflections: tuple[float, float],
+        cured: bool,
     ) -> str:
         length, (deflection, small) = body_length(one.body), deflections
         sensors, cure = "", 'reduce it with geometric_stiffening = "full"'
         if shares[1]:
             sensors = f", and change a sensor by {percent(shares[1])} of its range"
-        if small is not None:
+        at = self._units.say(t, "s", 4)
+        if not cured:
             cure = "no effect has them: the change is less than 1 % up to a deflection of about "
             cure += self._units.say(small * length, "m", 2)
         return (
             f"bodies.{one.columns.name}: membrane forces are left out, which would {verb} its "
-            f"deflection by about {percent(shares[0])}{sensors} (t = {self._units.say(t, 's', 4)}: "
+            f"deflection by about {percent(shares[0])}{sensors} (t = {at}: "
             f"deflection {self._units.say(deflection * length, 'm', 2)}); {cure}"
         )
 
@@ -190,10 +191,14 @@ class OmittedMembraneStiffnessMonitor:
 
 
 def _small_load(one: _Plate, eta: Array, compliance: Array) -> float:
-    """Share of the load of a row up to which the change is below that of sensors which is told."""
+    """Share of the load of a row up to which the change is below that of sensors which is told.
+
+    Where modes stretch by themselves, as those of solids, they do so before they stiffen bending.
+    """
 
     def excess(load: float) -> float:
-        change = compliance @ one.stiffness.forces(load * eta)[0]
+        own = one.stiffness.linear @ one.stiffness.products(load * eta)
+        change = compliance @ one.stiffness.forces(load * eta - compliance @ own)[0]
         moved, deflection = largest_lengths(np.array([change, load * eta]), one.points)
         return float(moved / deflection) - LARGEST_SENSOR_CHANGE
 

@@ -26,6 +26,7 @@ from flexmb.fe.sections.beam_chain import bind_section
 from flexmb.fe.sections.section_tables import SolidSection
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.materials import AnyMaterial
+from flexmb.units import say_length
 
 FAMILIES: dict[str, Family] = {
     **solid_elements.SOLIDS,
@@ -335,12 +336,12 @@ def thick_shells(mesh: Mesh, blocks: Sequence[Block]) -> Iterator[str]:
             extent = float(np.ptp(mesh.points[block.nodes].reshape(-1, 3), axis=0).max())
             height = np.sqrt(12.0 * max(block.section.Iy, block.section.Iz) / block.section.A)
             if height > extent:
-                what = (
-                    f'the section "{block.group}" is as a bar {height:.4g} m high, and its beams '
-                )
-                yield f"{what}extend over {extent:g} m: are its sizes in their unit?"
+                what = f'the section "{block.group}" is as a bar {say_length(height, 4)} high'
+                what += f", and its beams extend over {say_length(extent)}"
+                yield f"{what}: are its sizes in their unit?"
         if block.family.dimension == 2:
             extent = float(np.ptp(mesh.points[block.nodes].reshape(-1, 3), axis=0).max())
             if block.section.thickness > extent:
-                what = f'shells of the section "{block.group}" are {block.section.thickness:g} m '
-                yield f"{what}thick and extend over {extent:g} m: is the thickness in its unit?"
+                thick = say_length(block.section.thickness)
+                what = f'shells of the section "{block.group}" are {thick} thick and extend over '
+                yield f"{what}{say_length(extent)}: is the thickness in its unit?"

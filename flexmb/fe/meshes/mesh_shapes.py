@@ -38,6 +38,7 @@ from flexmb.fe.meshes.mesh_refinement import refine_mesh
 from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.mesh_options import MESHES, BeamMesh, BoxMesh, DiskMesh, PlateMesh, TubeMesh
 from flexmb.flexbody.options import is_number, key_problems, kind_of, read_options, rooted
+from flexmb.units import say_length
 
 Divisions = int | Sequence[int] | None
 
@@ -228,7 +229,7 @@ def tube(
     problems += _kind_problems(elements, 3 if solid else 2)
     problems += division_problems(divisions, words) or few_around(divisions, words)
     if not problems and inner is not None and inner >= radius:
-        what = f"must be less than the outer radius {radius:g} m, given {inner:g}"
+        what = f"must be less than the outer radius {say_length(radius)}, given {say_length(inner)}"
         problems.append(Problem("mesh.inner", what))
     refuse(problems)
     kind = elements or KINDS[3 if solid else 2][0]
@@ -294,7 +295,7 @@ def disk(
     problems += division_problems(divisions, words) or few_around(divisions, words)
     full = inner == 0
     if not problems and inner >= radius:
-        what = f"must be less than the radius {radius:g} m, given {inner:g}"
+        what = f"must be less than the radius {say_length(radius)}, given {say_length(inner)}"
         problems.append(Problem("mesh.inner", what))
     turns = 0 if problems or divisions is None else division_counts(divisions, words)[1]
     # with tetrahedra, core and rings then match

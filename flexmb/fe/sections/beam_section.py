@@ -18,6 +18,7 @@ import numpy as np
 from flexmb.errors import MaterialError, Problem, ReductionError, nearest
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.materials import AnyMaterial, Material, material_problems
+from flexmb.units import say_length
 
 Place = tuple[float, float]
 Three = tuple[float, float, float]
@@ -390,7 +391,9 @@ def positive(**values: Any) -> None:
         if isinstance(value, bool) or not isinstance(value, int | float | np.number):
             problems.append(Problem(f"section.{name}", f"must be a number, given {value!r}"))
         elif not 0 < value < math.inf:
-            problems.append(Problem(f"section.{name}", f"must be positive, given {value:g} m"))
+            problems.append(
+                Problem(f"section.{name}", f"must be positive, given {say_length(value)}")
+            )
     if problems:
         raise ReductionError.from_problems(problems)
 

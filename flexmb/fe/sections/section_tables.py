@@ -44,6 +44,7 @@ from flexmb.flexbody.mesh_options import MaterialOptions, OrthotropicOptions
 from flexmb.flexbody.options import kind_of, option_values, read_options, rooted
 from flexmb.flexbody.section_options import SECTIONS as OPTIONS
 from flexmb.materials import AnyMaterial, Material, OrthotropicMaterial, material
+from flexmb.units import say_length
 
 MaterialLike = str | AnyMaterial | Mapping[str, Any]
 
@@ -249,7 +250,8 @@ class Tube:
     def __post_init__(self) -> None:
         positive(radius=self.radius)
         if not 0 <= self.inner < self.radius:
-            what = f"must lie between 0 and the outer radius {self.radius:g} m, given {self.inner}"
+            what = f"must lie between 0 and the outer radius {say_length(self.radius)}, given "
+            what += say_length(self.inner)
             raise ReductionError.from_problems([Problem("section.inner", what)])
 
     def values(self) -> tuple[float, float, float, float]:

@@ -29,6 +29,7 @@ from flexmb.fe.sections.beam_section import (
     section_of,
 )
 from flexmb.flexbody.arrays import FloatArray
+from flexmb.units import say_length
 
 GAUSS = np.polynomial.legendre.leggauss(3)
 """Points and weights, exact for the square of a parabola."""
@@ -50,10 +51,10 @@ class ISection:
         positive(**vars(self))
         problems = []
         if self.flange + self.bottom_flange >= self.height:
-            what = f"the flanges must leave room for the web within {self.height:g} m"
+            what = f"the flanges must leave room for the web within {say_length(self.height)}"
             problems.append(Problem("section.flange", what))
         if self.web > min(self.width, self.bottom_width):
-            what = f"must not exceed the width of a flange, given {self.web:g} m"
+            what = f"must not exceed the width of a flange, given {say_length(self.web)}"
             problems.append(Problem("section.web", what))
         if problems:
             raise ReductionError.from_problems(problems)
@@ -168,7 +169,10 @@ class Box:
     def __post_init__(self) -> None:
         positive(**vars(self))
         problems = [
-            Problem(f"section.{name}", f"must be less than half of {size:g} m, given {thick:g}")
+            Problem(
+                f"section.{name}",
+                f"must be less than half of {say_length(size)}, given {say_length(thick)}",
+            )
             for name, thick, size in (("web", self.web, self.y), ("flange", self.flange, self.z))
             if 2 * thick >= size
         ]
@@ -282,7 +286,10 @@ class Angle:
     def __post_init__(self) -> None:
         positive(**vars(self))
         problems = [
-            Problem(f"section.{name}", f"must be less than {size:g} m, given {thick:g}")
+            Problem(
+                f"section.{name}",
+                f"must be less than {say_length(size)}, given {say_length(thick)}",
+            )
             for name, thick, size in (("web", self.web, self.y), ("flange", self.flange, self.z))
             if thick >= size
         ]

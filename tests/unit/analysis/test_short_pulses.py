@@ -99,3 +99,12 @@ def test_a_pulse_that_half_steps_see_is_in_the_stated_error():
     assert len(hit(middle, **knobs)[0]) == 1
     told, speed = hit(middle, verify=True, **knobs)
     assert told == [] and abs(speed) < 1e-9
+
+
+def test_a_step_that_is_shortened_is_told_in_the_units_of_the_scene():
+    made = Model("cart", units="mm-kg-ms")
+    made.add_body("cart", mass=1, inertia=[1, 1, 1])
+    made.add_sensor("x", "position", of="cart")
+    with warnings.catch_warnings(action="ignore", category=FlexmbWarning):
+        found = flexmb.simulate(made, duration=10.0, step=3.0, outputs=4)
+    assert "step shortened from 3 ms to 2.5 ms to meet the outputs" in found.notes
