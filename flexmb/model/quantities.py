@@ -176,18 +176,18 @@ def read_number(value: Any, names: ReadContext, unit: str | None = "") -> float:
         No number, a mistake in the expression, a unit of something else, or no finite value.
     """
     if isinstance(value, float):
-        return _finite(float(value), value)
+        return finite(float(value), value)
     if isinstance(value, str):
         text, factor = expression_and_factor(value, names, unit)
         constant = parse(text, names, time=False).constant
         assert constant is not None  # without time every expression folds to a constant
-        return _finite(constant * factor, value)
+        return finite(constant * factor, value)
     if isinstance(value, bool) or not isinstance(value, Real):
         raise SceneError(f"a number or an expression is expected, given {quote(value)}")
     try:
-        return _finite(float(value), value)
+        return finite(float(value), value)
     except OverflowError:
-        return _finite(math.inf, value)
+        return finite(math.inf, value)
 
 
 def read_numbers(values: Sequence[Any], names: ReadContext, units: Iterable[str]) -> list[float]:
@@ -197,7 +197,7 @@ def read_numbers(values: Sequence[Any], names: ReadContext, units: Iterable[str]
     for i, (value, unit) in enumerate(zip(values, units, strict=False)):
         try:
             scaled = read_number(value, names, unit) * names.units.scale(unit)
-            numbers.append(_finite(scaled, value, LARGEST))
+            numbers.append(finite(scaled, value, LARGEST))
         except SceneError as error:
             problems += under(f"[{i}]", error.problems)
     if problems:
@@ -210,7 +210,8 @@ LARGEST = 1e60
 still finite."""
 
 
-def _finite(number: float, value: Any, largest: float = math.inf) -> float:
+def finite(number: float, value: Any, largest: float = math.inf) -> float:
+    """The number, given as `value`, if it is finite and at most `largest` in magnitude."""
     if not math.isfinite(number):
         raise SceneError(f"a finite number is expected, given {quote(value)}")
     if abs(number) > largest:
@@ -246,7 +247,7 @@ class Quantity(FieldType):
             what = f"must lie between {low:.4g} and {high:.4g}, is {number:g}"
             raise fail(Problem("", what))
         try:
-            scaled = _finite(number * units.scale(unit or ""), value, LARGEST)
+            scaled = finite(number * units.scale(unit or ""), value, LARGEST)
         except SceneError as error:
             raise fail(error.problems[0]) from None
         if self.sign == "positive" and scaled < 1.0 / LARGEST:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from femeshes import line
 from linkages import slider_crank
 from typer.testing import CliRunner
 
@@ -15,6 +16,7 @@ from flexmb.analysis.failure_messages import open_joint
 from flexmb.cli import app
 from flexmb.engine.compile import compile_system
 from flexmb.errors import AssemblyError, SolverError
+from flexmb.fe import rectangle, reduce
 from flexmb.results.output_block import OutputBlock
 
 R, L = 0.2, 0.5  # m, crank and rod
@@ -168,3 +170,17 @@ def test_rows_of_a_mechanism_that_came_apart_are_left_out() -> None:
     gaps[1] = -0.02
     text = open_joint(compiled, gaps, 0.5)
     assert "at t = 0.5 s" in text and "joints.bearing: place y is off by 0.02 m or rad" in text
+
+
+def test_forces_of_a_flexible_body_that_overflow_find_no_equilibrium(tmp_path: Path) -> None:
+    """Of the stiffness that they have at the first pose no frequency can be told."""
+    beam = reduce(
+        line(4, end=(1, 0, 0)), modes=2, interfaces={"root": "root", "tip": "tip"},
+        material="steel", sections={"all": rectangle(0.02, 0.01)},
+    )  # fmt: skip
+    model = flexmb.Model("beam")
+    model.add_body("beam", beam)
+    model.add_joint("root", "fixed", between=["ground", "beam.root"])
+    model.add_force("push", "force", at="beam.tip", value=[0, "1/(t + 1e-300)", 0])
+    with pytest.raises(AssemblyError, match=r"no elastic equilibrium .* or begin slower$"):
+        flexmb.simulate(model, duration=0.01, start="quasi-static", output=tmp_path)

@@ -16,6 +16,7 @@ def test_the_good_scene_is_good(tmp_path):
     assert not load_scene(path).problems()
 
 
+PUSH = '[forces.push]\ntype = "force"\nat = "crank"\n'
 ONE_LINE = [
     pytest.param(
         ('type = "revolute"', 'type = "revolut"'),
@@ -51,6 +52,21 @@ ONE_LINE = [
         ("mass = 1", "mass = 1e200"),
         "bodies.crank.mass: is too large, 1e+200 in SI; allowed: up to 1e+60",
         id="a mass whose powers overflow",
+    ),
+    pytest.param(
+        ("[dynamics]", f"{PUSH}value = [0, 1e300, 0]\n[dynamics]"),
+        "forces.push.value[1]: is too large, 1e+300 in SI; allowed: up to 1e+60",
+        id="a force whose powers overflow",
+    ),
+    pytest.param(
+        ("[dynamics]", f"{PUSH}value = [0, 0, '1e90*t']\n[dynamics]"),
+        "forces.push.value[2]: is too large, 1e+90 in SI; allowed: up to 1e+60",
+        id="a force whose powers will overflow",
+    ),
+    pytest.param(
+        ('type = "revolute"', 'type = "orientation"'),
+        "joints.bearing.axis: an orientation joint has no axis; leave it out",
+        id="an axis of a joint that has none",
     ),
     pytest.param(
         ("mass = 1", "mass = 1e-200"),

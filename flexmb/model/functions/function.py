@@ -19,7 +19,7 @@ from pydantic import SerializationInfo, ValidationInfo
 from flexmb.errors import Problem, SceneError
 from flexmb.model.functions.derivatives import Jet
 from flexmb.model.functions.discontinuities import derivative_jumps
-from flexmb.model.functions.expression import Expression, parse, rescaled
+from flexmb.model.functions.expression import Expression, Ops, parse, rescaled
 from flexmb.model.functions.forms import (
     Constant,
     Cycloidal,
@@ -35,7 +35,7 @@ from flexmb.model.functions.forms import (
 )
 from flexmb.model.functions.piecewise import Piecewise
 from flexmb.model.functions.tabulated import AkimaSpline, CubicSpline, Table
-from flexmb.model.quantities import expression_and_factor, plain, read_number
+from flexmb.model.quantities import LARGEST, expression_and_factor, finite, plain, read_number
 from flexmb.model.reading import (
     NUMBER,
     FieldType,
@@ -189,9 +189,8 @@ def read_function(
     if isinstance(value, str):
         text, factor = expression_and_factor(value, names, unit, time=True)
         ops = parse(text, names, channels=channels).ops
-        return Function(
-            value, Expression(value, rescaled(ops, units.time, factor * units.scale(unit)))
-        )
+        ops = rescaled(ops, units.time, factor * units.scale(unit))
+        return Function(value, Expression(value, _moderate(ops)))
     if isinstance(value, Mapping):
         value = plain(value)
         terms = ReadContext(names, units, expected_unit=unit, folder=names.folder)
@@ -202,8 +201,16 @@ def read_function(
     if isinstance(value, Real) and not isinstance(value, bool):
         number = read_number(value, names)
         ops = rescaled((("const", number),), units.time, units.scale(unit))
-        return Function(number, Expression(f"{number:g}", ops))
+        return Function(number, Expression(f"{number:g}", _moderate(ops)))
     raise SceneError(
         "a function of time is a number, an expression in t, or a table such as "
         f'{{type = "harmonic", ...}}, given {quote(value)}'
     )
+
+
+def _moderate(ops: Ops) -> Ops:
+    """The same program, whose numbers are no larger than a quantity may be."""
+    for op, value in ops:
+        if op == "const":
+            finite(value, value, LARGEST)
+    return ops

@@ -144,9 +144,9 @@ class JointSpec(Component):
         axes = JOINT_TYPES[self.type].axes
         problems = []
         if self.axis is not None and axes < 1:
-            problems.append(Problem("axis", f"a {self.type} joint has no axis; leave it out"))
+            problems.append(Problem("axis", f"{self._one} has no axis; leave it out"))
         if self.second_axis is not None and axes < 2:
-            what = f"a {self.type} joint has no second axis; leave it out"
+            what = f"{self._one} has no second axis; leave it out"
             problems.append(Problem("second_axis", what))
         elif self.second_axis is not None and self.axis is None:
             problems.append(Problem("axis", "is missing: with second_axis both are given"))
@@ -179,10 +179,14 @@ class JointSpec(Component):
             if wanted and getattr(self, key) is None
         ]
         return problems + [
-            Problem(key, f"a {self.type} joint has no {key}; leave it out")
+            Problem(key, f"{self._one} has no {key}; leave it out")
             for key, has in allowed.items()
             if not has and getattr(self, key) is not None
         ]
+
+    @property
+    def _one(self) -> str:
+        return f"{'an' if self.type[0] in 'aeio' else 'a'} {self.type} joint"  # a universal joint
 
     @property
     def kind(self) -> JointType:
@@ -214,7 +218,7 @@ class JointSpec(Component):
     def planar_problems(self, scope: Scope, where: str, plane: str) -> Iterator[Problem]:
         if self.kind.planar_equations is None:
             names = tuple(row.name for row in JOINT_TYPES.values() if row.planar_equations)
-            yield Problem(f"{where}.type", f"a {self.type} joint has no meaning in a plane", names)
+            yield Problem(f"{where}.type", f"{self._one} has no meaning in a plane", names)
         elif self.kind.curves:
             yield from self._planar_curve_problems(scope, where, plane)
         elif self.kind.has_axis:
