@@ -49,3 +49,30 @@ def test_the_vibration_of_one_link_beside_another(body, off, tmp_path):
     assert one.on != off
     assert true > 0.01
     assert found.share == pytest.approx(true, rel=0.5)
+
+
+@pytest.mark.parametrize("speed", [200.0, 800.0])
+def test_a_wheel_that_spins_on_a_swinging_arm(speed, tmp_path):
+    """Its axes turn beside those of the arm, by up to a radian from row to row. Splines of its tilt
+    in these axes told a vibration of 20 times the range of the moment for 3.4 %."""
+    model = Model("wheel on an arm")
+    model.add_body("arm", **slender(0.5, 0.01, modes=3))
+    load(model, "wheel", 1.0, [0.5, 0, 0], size=0.063)
+    model.add_joint("swing", "revolute", between=["ground", "arm.root"], axis="z")
+    model.add_joint("spin", "revolute", between=["arm.tip", "wheel"], axis="x")
+    model.add_driver("swinging", joint="swing", angle="0.5*sin(4*t)")
+    model.add_driver("spinning", joint="spin", angle=f"{speed}*t")
+    model.add_sensor("moment", "reaction", joint="swing", quantity="moment")
+    model.set_dynamics(duration=1.0, outputs=600, accuracy=1e-6, start="quasi-static", verify=False)
+    run = flexmb.simulate(with_words(model, {"arm": {"deformation": "rigid"}}), output=tmp_path)
+    slow = with_words(model, {"arm": {"deformation": "quasi-static"}})
+    flexible = flexmb.simulate(model)
+    true = {
+        "deformation": share_between(run, flexible, "moment"),
+        "vibration": share_between(flexmb.simulate(slow), flexible, "moment"),
+    }
+    neighbours = ModelVariants.of(run, 600)
+    estimates = Estimates(neighbours)
+    for one in neighbours.effects():
+        (found,) = estimates.estimate(one)[0]
+        assert found.share == pytest.approx(true[one.name], rel=0.1)

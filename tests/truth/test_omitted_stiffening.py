@@ -1,6 +1,7 @@
 """What geometric stiffening would change, told by runs without it, against closed forms."""
 
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -92,6 +93,34 @@ def test_a_bow_whose_ends_are_held(kind, place):
     change = 1.0 - bow(1.0) / (1.0 / (192 * EI))
     assert change == pytest.approx(0.26, abs=0.01)
     assert told(found) == pytest.approx((change, change), rel=0.1)
+
+
+def test_two_bows_in_series_pull_at_one_another():
+    """Strips between walls, each pushed at its middle, whose joint may move along them only. It
+    stays where it is, so that each has held ends, and a bow of one alone half of that tension."""
+    model = between("fixed", "fixed", 1.0)
+    model.add_body("slide", mass=0.1, inertia=[1e-3] * 3, position=[1.0, 0, 0])
+    model.add_joint("guide", "prismatic", between=["ground.last", "slide"], axis="x")
+    del model.joints["b"]
+    model.add_body("second", strip(), position=[1.0, 0, 0])
+    model.add_marker("ground.end", position=[2.0, 0, 0])
+    for name, ends in (
+        ("b", ["slide", "strip.b"]), ("c", ["slide", "second.a"]), ("d", ["ground.end", "second.b"])
+    ):  # fmt: skip
+        model.add_joint(name, "fixed", between=ends)
+    push = [0, "1.0*step5(t, 1, 0, 2, 1)", 0]
+    model.add_force("other", "force", at="second.middle", value=push)
+    model.add_sensor("other", "position", of="second.middle")
+    found = outcome(model)
+    notes = [note for note in (*found.notes, found.message) if LEFT_OUT in note]
+    assert len(notes) == 2
+    change = 1.0 - bow(1.0) / (1.0 / (192 * EI))
+    assert told(SimpleNamespace(notes=notes[:1], message="")) == pytest.approx(
+        (change,) * 2, rel=0.1
+    )
+    assert told(SimpleNamespace(notes=notes[1:], message="")) == pytest.approx(
+        (change,) * 2, rel=0.1
+    )
 
 
 def test_a_bow_that_is_nowhere_near_is_refused_unless_asked_for():

@@ -1,8 +1,26 @@
-"""A flexible body as the mechanism holds it: its compliance, and how it moves the sensors."""
+"""Flexible bodies as the mechanism holds them: compliance, motion of sensors, bars with a bow.
+
+A bar under an axial force N(x) has the geometric stiffness Kg = ∫ N w'ᵢ w'ⱼ dx, with w' the slopes
+of its modes in the body frame (Timoshenko & Gere, Theory of Elastic Stability, §1.11). N has two
+parts: the forces at markers with the inertia of the bar, which are in equilibrium along its axis,
+and the tension of a bow. With a bow the joined ends of a bar b approach each other by
+δ = ∫ w'²/2 dx. Where joints or other bars prevent it, tensions T = P δ stay,
+
+    P = diag(k) − k S C Sᵀ k,
+
+with k the axial stiffness between the ends of each bar, S the motion of these ends apart per unit
+of all modes, and C the compliance of these in the mechanism: k of a bar whose ends are held, 0 if
+they are free; bars in series share their bows. The body frame of mean axes turns with a deflection,
+and so the engine has a part of the geometric stiffness, Kj − Kg with Kj by the slopes relative to
+the joints. A row has the deformation η of all bars, C F = (1 + C (Kj − Kg)) η for a load F, all
+bodies in equilibrium; with stiffening it is η' = (1 + C K)⁻¹ C F, K = Kj with the stiffness of T.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -11,19 +29,29 @@ from flexmb.analysis.assembly.jacobian import ConstraintRows, Decomposition, col
 from flexmb.analysis.dynamics.linear_elasticity import (
     flexible_columns,
     joined_frame,
+    joined_interfaces,
     largest_lengths,
     relative_motion,
 )
+from flexmb.analysis.dynamics.load_factor import Loads, masses_along, slender_axis
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody
-from flexmb.flexbody.arrays import Array
+from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.flexbody.static_response import LEAST_MOTION
 from flexmb.model.excitation import marker_interface
 from flexmb.model.model import Model
 from flexmb.model.reading import GROUND
 
 _DEPENDENT = 1e-9  # compliance of a set of joint rows, over the largest, that has no meaning
+# Ratio of second moments of mass across and along a body, and distance of its middle line from a
+# straight one over its length, up to which it bends as a bar.
+_SLENDER, _STRAIGHT = 0.3, 0.05
+DIVISIONS = 24  # of a bar along its axis; its slopes are those between their ends
+_SAME_PLACE = 5e-3  # nodes closer along the axis than this share of the length are averaged
+_ITERATIONS, _SOLVED = 60, 1e-6  # of Newton's method for the tensions; relative change at the end
+# Change of a bar by its own stiffness over that by all bars, below which only the former is its.
+_OWN = 0.1
 
 
 class ModalCompliance:
@@ -46,8 +74,8 @@ class ModalCompliance:
         names = [columns.name for columns, _ in every]
         self._parts = {name: slice(ends[k], ends[k + 1]) for k, name in enumerate(names)}
 
-    def of(self, q: Array, names: Iterable[str]) -> list[Array]:
-        """(m, m) of each of these bodies in the pose q."""
+    def of(self, q: Array, names: Iterable[str]) -> Array:
+        """(m, m) of all modes of these bodies in the pose q."""
         Cq = self._rows.evaluate(q).Cq
         A = self._weights[:, None] * Cq
         rows = Decomposition.of(A[:, self._rigid] * self._scales[self._rigid])
@@ -57,7 +85,8 @@ class ModalCompliance:
         stiffness = np.linalg.pinv(between / np.outer(size, size), rcond=_DEPENDENT, hermitian=True)
         taken = (G @ self._inverse) / size[:, None]
         C = self._inverse - taken.T @ stiffness @ taken
-        return [C[part, part] for part in (self._parts[name] for name in names)]
+        own = np.concatenate([np.arange(len(C))[self._parts[name]] for name in names])
+        return np.asarray(C[np.ix_(own, own)])
 
 
 def position_sensors(
@@ -127,3 +156,155 @@ def body_length(body: FlexBody) -> float:
     assert body.nodes is not None
     positions = np.vstack([body.nodes.position, *(one.position for one in body.interfaces)])
     return float(np.linalg.norm(np.ptp(positions, axis=0)))
+
+
+@dataclass(frozen=True, eq=False)
+class SlenderBar:
+    """A slender body without geometric stiffening, divided along its axis."""
+
+    columns: BodyColumns
+    body: FlexBody
+    number: int  # in the tables of the engine
+    axis: Array  # (3,) in body axes
+    ends: Array  # (s + 1,) of the divisions, along the axis from the centre of mass, m
+    mass: Array  # (2, s) of the divisions, and of these beyond their middles, kg
+    slopes: Array  # (s, 2, m) in the body frame per unit eta
+    joined: Array  # (s, 2, m) relative to the joints
+    bow: Array  # (m, m) of unit force between the joined ends; zero without two of these
+    span: Array  # (m,) by which these ends move apart, m per unit eta
+    points: Array  # (3 k, m) displacements relative to the joints, over the length
+    is_mean_axis: bool  # its frame; in one at an interface moments lack N times the deflection
+    sensors: tuple[tuple[Array, Array], ...]  # channels; (3 k, m) motion of their markers
+
+    def stiffness(self, N: Array) -> tuple[Array, Array]:
+        """(t, m, m) geometric stiffness of forces N (t, s), by the slopes relative to the joints,
+        and what the engine has of it."""
+        weights, joined, own = N * np.diff(self.ends), self.joined, self.slopes
+        Kj = np.tensordot(weights, joined.transpose(0, 2, 1) @ joined, 1)
+        return Kj, Kj - np.tensordot(weights, own.transpose(0, 2, 1) @ own, 1)
+
+    def shortening(self, eta: Array) -> Array:
+        """(t,) by which its bow brings its joined ends together, with deformations eta (t, m)."""
+        return np.asarray(0.5 * np.einsum("ti,ij,tj->t", eta, self.bow, eta))
+
+    def load_factors(self, N: Array, root: Array) -> Array:
+        """(t,) of axial forces N (t, s), with root rootᵀ the compliance of the modes."""
+        bent = self.joined @ root
+        Kg = np.tensordot(N * np.diff(self.ends), bent.transpose(0, 2, 1) @ bent, 1)
+        return np.asarray(np.linalg.eigvalsh(-Kg)[:, -1].clip(0.0))
+
+    def axial_forces(self, loads: Loads, on: IntArray, gravity: Array) -> Array:
+        """(t, s) of the forces at its markers `on` and its inertia; positive if it is pulled."""
+        iv = self.columns.iv + 3
+        A, w, alpha = loads.A[:, self.number], loads.v[:, iv : iv + 3], loads.vd[:, iv : iv + 3]
+        middle = 0.5 * (self.ends[:-1] + self.ends[1:])
+        arms = self.body.center + middle[:, None] * self.axis
+        far = np.einsum("ti,tij->tj", loads.vd[:, iv - 3 : iv] - gravity, A)
+        turned = np.cross(alpha[:, None], arms) + np.cross(w[:, None], np.cross(w[:, None], arms))
+        inertia, outer = ((far[:, None] + turned) @ self.axis) * self.mass[:, None]
+        beyond = inertia.sum(axis=1, keepdims=True) - np.cumsum(inertia, axis=1) + outer
+        along = np.einsum("tki,tij,j->tk", loads.forces[:, on], A, self.axis)
+        places = (loads.s[:, on] - self.body.center) @ self.axis
+        return np.asarray(np.einsum("tks,tk->ts", places[:, :, None] > middle, along) - beyond)
+
+
+def bars_without_stiffening(compiled: Compiled, model: Model) -> Iterator[SlenderBar]:
+    """The straight slender bodies without geometric stiffening."""
+    numbers = compiled.system.parts.bodies["iv"]
+    for columns, body in flexible_columns(compiled):
+        axis, length = slender_axis(body, _SLENDER)
+        if body.centrifugal_stiffness is not None or not length or body.nodes is None:
+            continue
+        number = int(np.flatnonzero(numbers == columns.iv)[0])
+        frame = joined_frame(body, columns.name, model)
+        along = (body.nodes.position - body.center) @ axis
+        ends = np.linspace(along.min(), along.max(), DIVISIONS + 1)
+        across = np.linalg.svd(axis[None])[2][1:]
+        middle = _means(body.nodes.position @ across.T, along, ends)
+        if np.ptp(middle, axis=0).max() > _STRAIGHT * (ends[-1] - ends[0]):
+            continue
+        moved = _means(across @ body.nodes.Phi_t, along, ends)
+        slopes = np.diff(moved, axis=0) / np.diff(ends)[:, None, None]
+        joined_slopes = slopes - across @ np.cross(frame.turn.T, axis).T
+        bow, span = np.zeros((columns.m,) * 2), np.zeros(columns.m)
+        joined = [body.interface(place) for place in joined_interfaces(body, columns.name, model)]
+        if len(joined) > 1:
+            places = np.array([(one.position - body.center) @ axis for one in joined])
+            a, b = int(places.argmin()), int(places.argmax())
+            inside = np.clip(
+                np.minimum(ends[1:], places[b]) - np.maximum(ends[:-1], places[a]), 0, None
+            )
+            bow = np.einsum("s,sai,saj->ij", inside.clip(0.0), slopes, slopes)
+            span = axis @ (joined[b].Phi_t - joined[a].Phi_t)
+        frame_of = getattr(model.bodies[columns.name], "frame_interface", None)
+        points = relative_motion(body, frame)[0]
+        sensors = tuple(position_sensors(compiled, model, columns, body))
+        yield SlenderBar(
+            columns, body, number, axis, ends, masses_along(body, axis, ends), slopes,
+            joined_slopes, bow, span, points, frame_of is None, sensors,
+        )  # fmt: skip
+
+
+def _means(values: Array, along: Array, ends: Array) -> Array:
+    """(s + 1, ...) means across the axis of values (k, ...) at nodes, at the `ends`."""
+    step = _SAME_PLACE * (ends[-1] - ends[0])
+    _, group, count = np.unique(
+        np.round((along - ends[0]) / step), return_inverse=True, return_counts=True
+    )
+    sums = np.zeros((len(count), *values.shape[1:]))
+    np.add.at(sums, group, values)
+    means, places = sums.reshape(len(count), -1).T / count, np.bincount(group, along) / count
+    at = np.array([np.interp(ends, places, one) for one in means])
+    return at.T.reshape(len(ends), *values.shape[1:])
+
+
+def bow_stiffness(bars: Sequence[SlenderBar], compliance: Array) -> Array:
+    """P (n, n) of the tensions P δ by which bars prevent their bows' shortening δ [N/m]."""
+    S = block_diag(*(one.span for one in bars))
+    free = np.array([one.span @ np.linalg.solve(one.body.K, one.span) for one in bars])
+    k = np.divide(1.0, free, out=np.zeros(len(bars)), where=free > 0.0)
+    P = np.diag(k) - k[:, None] * (S @ compliance @ S.T) * k
+    values, X = np.linalg.eigh(0.5 * (P + P.T))
+    return np.asarray((X * values.clip(0.0)) @ X.T)
+
+
+def changes(
+    bars: Sequence[SlenderBar], N: Sequence[Array], eta: Sequence[Array], compliance: Array
+) -> tuple[list[Array], Array]:
+    """Changes (m,) of the deformations of bars by their forces N (s,) and bows; tensions of these.
+
+    What other bars change is included where a bar's own stiffness has a part in its change.
+    """
+    ends = np.cumsum([0, *(len(one) for one in eta)])
+    parts = [slice(*pair) for pair in pairwise(ends)]
+    pairs = [one.stiffness(force[None]) for one, force in zip(bars, N, strict=True)]
+    K, own = (block_diag(*(pair[k][0] for pair in pairs)) for k in (0, 1))
+    now, one, P = np.concatenate(eta), np.eye(ends[-1]), bow_stiffness(bars, compliance)
+    bows = [np.zeros_like(K) for _ in bars]
+    for bow, bar, part in zip(bows, bars, parts, strict=True):
+        bow[part, part] = bar.bow
+    loaded, T = now + compliance @ own @ now, np.zeros(len(bars))
+    for _ in range(_ITERATIONS):  # from below: δ(T) is convex, so that no step is too long
+        both = K + sum(t * bow for t, bow in zip(T, bows, strict=True))
+        bent, slopes = _bent(one + compliance @ both, loaded, compliance, bows)
+        excess = T - P @ [0.5 * bent @ bow @ bent for bow in bows]
+        step = np.linalg.solve(np.eye(len(T)) + P @ slopes, excess)
+        T = T - step
+        if np.abs(step).max() <= _SOLVED * np.abs(T).max():
+            break
+    forces = own @ now - both @ bent  # their responses C forces add up to the change
+    each, whole = list[Array](), bent - now
+    for part in parts:
+        alone = compliance[part, part] @ forces[part]
+        shared = np.linalg.norm(alone) >= _OWN * np.linalg.norm(whole[part])
+        each.append(whole[part] if shared else alone)
+    return each, np.asarray(T, float)
+
+
+def _bent(
+    both: Array, loaded: Array, compliance: Array, bows: Sequence[Array]
+) -> tuple[Array, Array]:
+    """Deformations (1 + C K)⁻¹ C F, and the rates (n, n) at which tensions lessen shortenings."""
+    bent = np.linalg.solve(both, loaded)
+    sides = np.array([bow @ bent for bow in bows])
+    return np.asarray(bent), np.asarray(sides @ np.linalg.solve(both, compliance @ sides.T))

@@ -122,7 +122,7 @@ class OmittedMembraneStiffnessMonitor:
         """Compute the change of one row, in its pose, and keep it if it is the largest."""
         assert self._mechanism is not None
         one = self._plates[k]
-        compliance = self._mechanism.of(rows.q[row], [one.columns.name])[0]
+        compliance = self._mechanism.of(rows.q[row], [one.columns.name])
         balanced = one.stiffness.equilibrium(eta, compliance)
         if balanced is None:
             self._snaps[k] = np.fmin(self._snaps[k], rows.t[row])

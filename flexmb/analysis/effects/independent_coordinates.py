@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.effects.smooth_pieces import SmoothPieces
+from flexmb.analysis.effects.smooth_pieces import SlowAxes
 from flexmb.analysis.effects.stored_motion import blocks
 from flexmb.analysis.effects.variational_equations import VariationalEquations, times
 from flexmb.errors import FlexmbError
@@ -69,20 +69,20 @@ class IndependentMotions:
     """
 
     def __init__(
-        self, pieces: SmoothPieces, of: VariationalEquations, Z: Array, g: Array,
+        self, axes: SlowAxes, of: VariationalEquations, Z: Array, g: Array,
         rates: tuple[tuple[Array, Array], tuple[Array, Array]] | None = None,
     ) -> None:  # fmt: skip
-        self._pieces, self._of, self.Z, self.g = pieces, of, Z, g
+        self._axes, self._of, self.Z, self.g = axes, of, Z, g
         if rates is None:
-            self.Zd, rate = pieces.rate(Z), pieces.rate(g)
+            self.Zd, rate = axes.rate(Z), axes.rate(g)
             self.V1 = self.Zd + of.Omega @ Z
-            self.V1d, second = pieces.rate(self.V1), pieces.rate(rate)
+            self.V1d, second = axes.rate(self.V1), axes.rate(rate)
         else:
             (self.Zd, Zdd), (rate, second) = rates
             self.V1 = self.Zd + of.Omega @ Z
-            self.V1d = Zdd + pieces.rate(of.Omega) @ Z + of.Omega @ self.Zd
+            self.V1d = Zdd + axes.rate_of_spin(of.Omega) @ Z + of.Omega @ self.Zd
         turned = times(of.Omega, g)
-        self.a0, self.a0d = rate + turned, second + pieces.rate(turned)
+        self.a0, self.a0d = rate + turned, second + axes.rate(turned)
         n, _, d = Z.shape
         self.M, self.D, self.K = (np.zeros((n, d, d)) for _ in range(3))
         project, self._mean = of.projection(Z), np.zeros((2, d, d))
@@ -144,16 +144,16 @@ class IndependentMotions:
         lead = lead[:, :, :-1]
         Z = X[:, :, ~follow] + X[:, :, follow] @ lead
         if span == 0.0:
-            return IndependentMotions(self._pieces, self._of, Z, g)
-        Xd = self._pieces.rate(X)
-        Xdd = self._pieces.rate(Xd)
-        flat = self._pieces.slow_rates(lead.reshape(len(lead), -1), span)
+            return IndependentMotions(self._axes, self._of, Z, g)
+        Xd = self._axes.rate(X)
+        Xdd = self._axes.rate(Xd)
+        flat = self._axes.pieces.slow_rates(lead.reshape(len(lead), -1), span)
         once, twice = (rate.reshape(lead.shape) for rate in flat)
         first = Xd[:, :, ~follow] + Xd[:, :, follow] @ lead + X[:, :, follow] @ once
         second = Xdd[:, :, ~follow] + Xdd[:, :, follow] @ lead + X[:, :, follow] @ twice
         second += 2.0 * Xd[:, :, follow] @ once
-        rates = (first, second), self._pieces.slow_rates(g, span)
-        return IndependentMotions(self._pieces, self._of, Z, g, rates)
+        rates = (first, second), self._axes.slow_rates(g, span)
+        return IndependentMotions(self._axes, self._of, Z, g, rates)
 
     def motion(self, y: Array, yd: Array, ydd: Array) -> Array:
         """δq, δv and δv̇ (3, n, nu)."""

@@ -36,7 +36,7 @@ from flexmb.analysis.effects.modal_equations import (
     ModalEquations,
     least_squares_solution,
 )
-from flexmb.analysis.effects.smooth_pieces import Jumps, SmoothPieces
+from flexmb.analysis.effects.smooth_pieces import Jumps, SlowAxes, SmoothPieces
 from flexmb.analysis.effects.stored_motion import Bristles, Motion, equations_of
 from flexmb.analysis.effects.variational_equations import VariationalEquations, linearise, times
 from flexmb.analysis.linear.state_equations import StateEquations
@@ -251,7 +251,8 @@ def _solve_piece(
     """
     (elastic, massless), (q, v, vd) = springs, begin
     span, interval = pieces.t[-1] - pieces.t[0], np.median(np.diff(pieces.t))
-    made, further = IndependentMotions(pieces, of, *coordinates), None
+    axes = SlowAxes.of(pieces, of, coordinates.Z)
+    made, further = IndependentMotions(axes, of, *coordinates), None
     if massless is not None:
         further = (_NO_TIME * interval) ** 2 * massless
     omega, T = made.modes(1.0 / span, further)

@@ -4,6 +4,11 @@ For a run with kinetostatic bodies also velocities and accelerations that are th
 positions, and their jumps. Such a run has no rates of kinetostatic modes without a past: in its
 first row, after a jump, with short steps. If velocities of a motion are not the derivatives of its
 positions, the first values of vibrations are not defined.
+
+The coordinates of a small motion are in body axes. Where a wheel spins on an arm that bends, the
+axes of the wheel turn beside the arm, by up to a radian from row to row, and so do the components
+of its tilt, which splines do not follow then. In the axes of the ground they do not turn:
+d(Rx)/dt = R (ẋ + Ω x), with R the rotation from body axes to those and Ω that of δv = δq̇ + Ω δq.
 """
 
 from __future__ import annotations
@@ -16,6 +21,7 @@ import numpy as np
 
 from flexmb.analysis.dynamics.kinked_functions import rows_behind_jumps
 from flexmb.analysis.effects.stored_motion import Motion
+from flexmb.analysis.effects.variational_equations import VariationalEquations, times
 from flexmb.engine.compile import Compiled
 from flexmb.flexbody.arrays import Array, IntArray
 
@@ -26,6 +32,9 @@ _SLOW = 0.1  # largest change of coefficients between two rows for which the ser
 _JUMP = 5.0
 _VISIBLE = 1e-3  # least jump over the largest deformation
 _ROUGH = 0.01  # largest difference (rms) of modal rates of a run from derivatives of positions
+
+# Change in the axes of the ground over that in body axes, below which the former are used.
+_SLOWER = 0.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,3 +222,57 @@ def _measure_jumps(compiled: Compiled, motion: Motion, rows: IntArray) -> Jumps:
     smooth = 0.5 * h * (v[rows] + v[before]) + h**2 / 12.0 * (vd[before] - vd[rows])
     faster = v[rows] - v[before] - 0.5 * h * (vd[rows] + vd[before])
     return Jumps(rows, change - smooth, faster)
+
+
+@dataclass(frozen=True, eq=False)
+class SlowAxes:
+    """Rotations R (n, nu, nu) from body axes to axes in which motions change slowly, and the Ω of
+    the coordinates that they turn; None if those are the body axes of all bodies."""
+
+    pieces: SmoothPieces
+    turns: tuple[Array, Array] | None
+
+    @classmethod
+    def of(cls, pieces: SmoothPieces, equations: VariationalEquations, Z: Array) -> SlowAxes:
+        """Axes for motions Z (n, nu, d): those of the ground for vectors that change less there."""
+        R, Omega = np.zeros_like(equations.Omega), np.zeros_like(equations.Omega)
+        still = np.ones(Z.shape[1], bool)
+        for at in equations.frames.vectors():
+            own = np.ix_(np.arange(len(Z)), at, at)
+            turned = equations.turns[own] @ Z[:, at]
+            if _roughness(turned) < _SLOWER * _roughness(Z[:, at]):
+                R[own], Omega[own], still[at] = equations.turns[own], equations.Omega[own], False
+        R[:, still, still] = 1.0
+        return cls(pieces, None if still.all() else (R, Omega))
+
+    def rate(self, motions: Array) -> Array:
+        """Time derivative of the components (n, nu) or (n, nu, d) of motions in body axes."""
+        if self.turns is None:
+            return self.pieces.rate(motions)
+        (R, Omega), x = self.turns, motions.reshape(*motions.shape[:2], -1)
+        rates = R.transpose(0, 2, 1) @ self.pieces.rate(R @ x) - Omega @ x
+        return np.asarray(rates.reshape(motions.shape))
+
+    def slow_rates(self, motion: Array, span: float) -> tuple[Array, Array]:
+        """First and second time derivative of the components (n, nu) of a motion, by differences
+        over at least `span` [s]."""
+        if self.turns is None:
+            return self.pieces.slow_rates(motion, span)
+        R, Omega = self.turns
+        first, second = self.pieces.slow_rates(times(R, motion), span)
+        back, turned = R.transpose(0, 2, 1), times(Omega, motion)
+        first = times(back, first) - turned
+        further = times(self.rate_of_spin(Omega), motion) + times(Omega, turned + 2.0 * first)
+        return first, times(back, second) - further
+
+    def rate_of_spin(self, Omega: Array) -> Array:
+        """Time derivative of Ω (n, nu, nu), of all coordinates or of those that are turned."""
+        if self.turns is None:
+            return self.pieces.rate(Omega)
+        R, back = self.turns[0], self.turns[0].transpose(0, 2, 1)
+        return np.asarray(back @ self.pieces.rate(R @ Omega @ back) @ R)
+
+
+def _roughness(values: Array) -> float:
+    """Size of the second differences of rows."""
+    return float(np.linalg.norm(np.diff(values, 2, axis=0)))

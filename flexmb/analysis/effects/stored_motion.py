@@ -254,6 +254,19 @@ class WeightedCoordinates:
                 W[:, at[:, None], at] = cross[:, own[:, None], own] * factors[at[:, None], at]
         return both, shift
 
+    def vectors(self) -> list[IntArray]:
+        """Places among the coordinates of each translation and rotation of a body."""
+        firsts = (body.iv + k for body in self.compiled.layout.bodies for k in (0, 3))
+        return [np.flatnonzero((self.used >= at) & (self.used < at + 3)) for at in firsts]
+
+    def turns(self) -> Array:
+        """Rotations (n, used, used) of these vectors from body axes to those of the ground."""
+        made = np.tile(np.eye(len(self.used)), (len(self._v), 1, 1))
+        for k, at in enumerate(self.vectors()):
+            own = (self.used[at] - self.compiled.layout.bodies[k // 2].iv) % 3
+            made[:, at[:, None], at] = self._axes[k // 2][:, own[:, None], own]
+        return made
+
     def to_coordinates(self, k: int, motion: Array) -> Array:
         """Weighted coordinates in row k of a motion (nv,); the columns of S are orthogonal."""
         turned = self.turned(motion[None, None], slice(k, k + 1))[0, 0]

@@ -22,7 +22,7 @@ _REGULARISATION = 1e-20  # added to Cq Cqᵀ, over its largest eigenvalue
 _NEEDS_COMPLIANCE = 1e-8
 _ADDED_INERTIA = 1e-12  # inertia added to each coordinate, over the trace of the metric
 _MODES_LAST = 1e-6  # weight of modes in the selection of dependent coordinates
-_TABLES = ("M", "D", "K", "Cq", "F", "C", "Omega", "rows")
+_TABLES = ("M", "D", "K", "Cq", "F", "C", "Omega", "rows", "turns")
 _TURNING = 2 * np.pi  # rotation of a body over the run that doubles the weight of its coordinates
 
 
@@ -32,7 +32,8 @@ class VariationalEquations:
 
     Coordinates are weighted. The rows of Cq are independent: combinations `rows` of those of the
     model, orthogonal ones if the model has redundant rows. D contains the rotation of the axes in
-    δv̇; Omega is that in δv. A coordinate with a large `prefer` is selected as a dependent one
+    δv̇; Omega is that in δv; `turns` rotate vectors from body axes to those of the ground. A
+    coordinate with a large `prefer` is selected as a dependent one
     before others.
     """
 
@@ -47,6 +48,7 @@ class VariationalEquations:
     C: Array
     Omega: Array
     rows: Array
+    turns: Array
     friction: Array | None = None
 
     def part(self, rows: slice | IntArray, names: tuple[str, ...] = _TABLES) -> Self:
@@ -139,7 +141,7 @@ def linearise(compiled: Compiled, motion: Motion, balance: Array) -> Variational
         prefer[body.iv : body.iv + 6] += spin * (motion.t[-1] - motion.t[0]) / _TURNING
     weights = 1.0 / frames.inverse[used]
     return VariationalEquations(
-        frames, weights, prefer[used], M, D, K, Cq, F, C, Omega, rows, by_load
+        frames, weights, prefer[used], M, D, K, Cq, F, C, Omega, rows, frames.turns(), by_load
     )
 
 

@@ -36,7 +36,8 @@ def variational():
     M, D, K, F = (np.array(rows) for rows in zip(*map(equations, T), strict=True))
     zero = np.zeros((len(T), 2, 2))
     return SimpleNamespace(
-        M=M, D=D, K=K, F=F, Omega=zero, friction=None,
+        M=M, D=D, K=K, F=F, Omega=zero, turns=zero, friction=None,
+        frames=SimpleNamespace(vectors=list),
         projection=lambda Z: Z.transpose(0, 2, 1),
     )  # fmt: skip
 
