@@ -315,3 +315,26 @@ def test_rows_may_come_one_by_one(tmp_path):
         values.append([one.value for one in monitor.indicators()])
     np.testing.assert_allclose(values[0], values[2], rtol=0.02)
     np.testing.assert_allclose(values[1], values[2], rtol=0.02)
+
+
+def test_what_is_left_out_begins_at_rest(tmp_path):
+    """A torque shakes an arm on a pin, with the law of a controller, from rest. What the arm lacks
+    was taken to move already, and to push it away: 5.4 % were told for 2.1 %."""
+
+    def controlled(modes):
+        model = Model("controlled")
+        beam(model, "arm", modes, height=0.006, damping=0.005)
+        model.add_joint("pin", "revolute", between=["ground", "arm.root"], axis="z")
+        model.add_sensor("angle", "angle", joint="pin")
+        model.add_sensor("rate", "angle", joint="pin", derivative=1)
+        law = "40*(0.2*sin(2*pi*8*t) - angle) - rate"
+        model.add_force("law", "torque", at="arm.root", value=[0, 0, law])
+        model.set_dynamics(duration=1.0, outputs=200, accuracy=1e-6)
+        return model
+
+    run, notes = ran(controlled(0), tmp_path / "few")
+    true, _ = ran(controlled(10), tmp_path / "many")
+    change = np.abs(run["angle"] - true["angle"]).max() / np.ptp(run["angle"])
+    assert change == pytest.approx(0.021, abs=0.002)
+    (note,) = notes
+    assert told(note) == pytest.approx(change, rel=0.1)

@@ -11,12 +11,13 @@ linearised about a row of the run,
 
     (M + ΔM) δ̈ + D δ̇ + K δ = d²S/dt²,   S = R x,   R = Σ CᵀC/ω²,
 
-with R the strain energy that is missing under accelerations. A frequency ω that the run has is that
-with K = ω² M; ΔM = K^½ M^-½ R M^-½ K^½ lowers it to ω/√(1 + ω² φᵀRφ) with φ its shape, which is
-Rayleigh's quotient of the shape with its static response. S is taken as linear between rows, which
-is solved exactly; vibrations that the rows do not resolve are left out. Matrices are those of the
-row, with the springs, forces and damping there; they are computed again where the pose or the speed
-of rotation differs, and used for all rows near it.
+with R the strain energy that is missing under accelerations. Where the modes begin at rest those
+that are left out do too, so that the rate of S jumps from zero there. A frequency ω that the run
+has is that with K = ω² M; ΔM = K^½ M^-½ R M^-½ K^½ lowers it to ω/√(1 + ω² φᵀRφ) with φ its shape,
+which is Rayleigh's quotient of the shape with its static response. S is taken as linear between
+rows, which is solved exactly; vibrations that the rows do not resolve are left out. Matrices are
+those of the row, with the springs, forces and damping there; they are computed again where the pose
+or the speed of rotation differs, and used for all rows near it.
 """
 
 from __future__ import annotations
@@ -171,12 +172,15 @@ class FrequencyErrorMonitor:
         self._least = np.minimum(self._least, rows.sensors.min(axis=0))
         self._most = np.maximum(self._most, rows.sensors.max(axis=0))
         table = np.column_stack([rows.t, self._forces(rows)])
+        if not len(self._row):  # modes that are left out begin at rest if the others do
+            at_rest = all(not rows.v[0, one.part][6:].any() for one in self._bodies)
+            rates = np.full(table.shape[1], 0.0 if at_rest else np.nan)
+            self._row = np.vstack([table[0], rates])
         if not self._interval[0]:
-            if len(rows.t) + len(self._row) < 2:
-                self._row = np.vstack([table, np.full_like(table, np.nan)])
+            steps = np.diff(np.append(self._row[0, 0], rows.t))
+            if not steps.any():
                 return
-            times = np.append(self._row[:1, 0], rows.t)
-            self._interval = np.array([np.median(np.diff(times))])
+            self._interval = np.array([np.median(steps[steps > 0.0])])
         near = self._near(rows)
         for first, last in _runs(near):
             pose = self._poses[near[first]][1]
@@ -324,11 +328,10 @@ class FrequencyErrorMonitor:
         rates = pose.project @ (self._state[half : half + nv] - pose.shape_rates @ now)
         parts = now, self._state[nv:half], rates, self._state[half + nv :]
         z = pose.start @ np.concatenate(parts)
-        begins = not len(self._row)
-        every = table if begins else np.vstack([self._row[0], table])
+        every = np.vstack([self._row[0], table])
         h = np.diff(every[:, 0])
         slopes = np.diff(every[:, 1:], axis=0) / np.maximum(h, 1e-300)[:, None]
-        before = None if begins or np.isnan(self._row[1, 1]) else self._row[1, 1:]
+        before = None if np.isnan(self._row[1, 1]) else self._row[1, 1:]
         amplitudes = np.zeros((len(every), len(pose.values)), complex)
         amplitudes[0] = z
         for k in range(len(h)):
