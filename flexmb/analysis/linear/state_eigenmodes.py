@@ -16,6 +16,7 @@ against it (backward).
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -105,11 +106,13 @@ def _undamped(K: Array) -> tuple[Complex, Complex]:
     """λ = √(−ω²) and shapes of K y = ω² y, K symmetric (n, n)."""
     K = 0.5 * (K + K.T)
     squares, shapes = np.linalg.eigh(K)
+    squares[np.abs(squares) <= _ROUND_OFF**2 * np.abs(squares).max()] = 0.0
     if squares[0] > 0.0 and squares[-1] > _WIDE_SPECTRUM * squares[0]:
-        half = np.linalg.inv(np.linalg.cholesky(K))  # K⁻¹ = halfᵀ half
-        inverse, low = np.linalg.eigh(half.T @ half)
-        below = squares < np.sqrt(squares[0] * squares[-1])
-        squares[below], shapes[:, below] = 1.0 / inverse[::-1][below], low[:, ::-1][:, below]
+        with suppress(np.linalg.LinAlgError):  # the least square is round-off: a rigid motion
+            half = np.linalg.inv(np.linalg.cholesky(K))  # K⁻¹ = halfᵀ half
+            inverse, low = np.linalg.eigh(half.T @ half)
+            below = squares < np.sqrt(squares[0] * squares[-1])
+            squares[below], shapes[:, below] = 1.0 / inverse[::-1][below], low[:, ::-1][:, below]
     return np.sqrt(-squares + 0j), shapes.astype(complex)
 
 
