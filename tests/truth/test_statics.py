@@ -320,3 +320,10 @@ def test_a_run_from_the_equilibrium_has_the_states_of_its_controllers():
     result = flexmb.simulate(made, duration=0.5, start="static")
     np.testing.assert_allclose(result["angle"], 0.4, atol=1e-9)
     np.testing.assert_allclose(result["torque"], 9.81 * np.sin(0.4), rtol=1e-9)
+
+
+def test_a_hub_that_is_free_to_turn_with_its_blade_has_one_family_of_equilibria(project):
+    """Its rotation has no stiffness but round-off; it was a fault, or 26 equilibria."""
+    (one,) = flexmb.equilibria(project / "cases" / "hub_beam" / "scene.toml")
+    assert one.neutral_motions == 1
+    assert one.linearize().eigenvalues[0] == 0.0

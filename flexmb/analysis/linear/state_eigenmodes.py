@@ -16,6 +16,7 @@ against it (backward).
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -31,7 +32,6 @@ Complex = NDArray[np.complex128]
 
 _ASYMMETRY = 1e-9  # A − Aᵀ that is round-off, over the largest element
 _WIDE_SPECTRUM = 1e6  # ratio of ω² above which the lower half comes from the inverse problem
-_UNDERFLOW = 1e-40  # ω² over the largest one that only products of round-off make
 _ROUND_OFF = 1e-13  # relative round-off of a Rayleigh quotient, over the sum of its terms
 _NEGLIGIBLE = 1e-14  # relative size of damping terms that are round-off
 _EQUAL_SHAPES = 1e-3  # distance of two unit shapes that are the same rigid motion
@@ -106,12 +106,13 @@ def _undamped(K: Array) -> tuple[Complex, Complex]:
     """λ = √(−ω²) and shapes of K y = ω² y, K symmetric (n, n)."""
     K = 0.5 * (K + K.T)
     squares, shapes = np.linalg.eigh(K)
-    ratio = squares[0] / squares[-1] if squares[-1] > 0.0 else 0.0
-    if _UNDERFLOW < ratio < 1.0 / _WIDE_SPECTRUM:
-        half = np.linalg.inv(np.linalg.cholesky(K))  # K⁻¹ = halfᵀ half
-        inverse, low = np.linalg.eigh(half.T @ half)
-        below = squares < np.sqrt(squares[0] * squares[-1])
-        squares[below], shapes[:, below] = 1.0 / inverse[::-1][below], low[:, ::-1][:, below]
+    squares[np.abs(squares) <= _ROUND_OFF**2 * np.abs(squares).max()] = 0.0
+    if squares[0] > 0.0 and squares[-1] > _WIDE_SPECTRUM * squares[0]:
+        with suppress(np.linalg.LinAlgError):  # the least square is round-off: a rigid motion
+            half = np.linalg.inv(np.linalg.cholesky(K))  # K⁻¹ = halfᵀ half
+            inverse, low = np.linalg.eigh(half.T @ half)
+            below = squares < np.sqrt(squares[0] * squares[-1])
+            squares[below], shapes[:, below] = 1.0 / inverse[::-1][below], low[:, ::-1][:, below]
     return np.sqrt(-squares + 0j), shapes.astype(complex)
 
 
