@@ -32,6 +32,7 @@ Complex = NDArray[np.complex128]
 
 _ASYMMETRY = 1e-9  # A − Aᵀ that is round-off, over the largest element
 _WIDE_SPECTRUM = 1e6  # ratio of ω² above which the lower half comes from the inverse problem
+_UNDERFLOW = 1e-40  # ω² over the largest one that only products of round-off make
 _ROUND_OFF = 1e-13  # relative round-off of a Rayleigh quotient, over the sum of its terms
 _NEGLIGIBLE = 1e-14  # relative size of damping terms that are round-off
 _EQUAL_SHAPES = 1e-3  # distance of two unit shapes that are the same rigid motion
