@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from accuracyscenes import AWAY, SCENES, truth_of
 from accuracyscenes.judging import judged
 from accuracyscenes.scene import beside_a_large_motion, moved
 from scipy.spatial.transform import Rotation
@@ -114,18 +113,3 @@ def test_what_rests_takes_few_steps(method, place):
     assert not found.message
     assert found.steps < 120
     assert not found.notes
-
-
-def test_round_off_that_no_motion_multiplies_is_stated_too():
-    """It adds up over the steps of radau, whose velocities are differences of places.
-
-    A sample at random: the mean share of neighbouring accuracies is judged.
-    """
-    scene, shares = SCENES["Stephenson's linkage"], []
-    for accuracy in (0.8e-8, 0.9e-8, 1e-8, 1.1e-8, 1.25e-8):
-        found = judged(
-            moved(scene.make(1.0)), lambda t: truth_of(scene, t, 1.0, AWAY),
-            duration=scene.duration, outputs=scene.outputs, accuracy=accuracy, method="radau",
-        )  # fmt: skip
-        shares.append(found.share)
-    assert 0.45 < np.prod(shares) ** 0.2 < 4

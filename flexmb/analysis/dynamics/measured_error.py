@@ -204,6 +204,15 @@ class MeasuredError:
         walk = self.round_off_share() * steps * math.sqrt(steps)
         return self.amplified_round_off() / max(walk, _LEAST_ERROR)
 
+    def drop_unamplified_round_off(self, steps: int) -> None:
+        """Ignore the measured round-off if the motion does not amplify it.
+
+        The longer steps of a scout have more of it, and errors of Newton's method as well.
+        """
+        if self.round_off_amplification(steps) <= 1.0:
+            self._amplified[:] = 0.0
+            self._cache.clear()
+
     def largest(
         self, ratio: float, steps: int = 0, limited: bool = False
     ) -> dict[str, QuantityError]:

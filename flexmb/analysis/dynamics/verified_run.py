@@ -295,6 +295,8 @@ def measure_round_off_growth(
             error.set_round_off(runs, more)
     except FlexmbError:  # too many steps: the run itself has reported that
         return
+    finally:
+        error.drop_unamplified_round_off(steps)
 
 
 def _repeated_chunks(verified: VerifiedRun, begin: State, progress: Progress) -> list[Chunk]:
