@@ -2,7 +2,9 @@
 
 A displacement u has the Green-Lagrange strain E = ε(u) + (∇uᵀ ∇u)/2. Strains of second order are
 means over the elements: elements whose strain is linear cannot follow them from point to point, and
-would lock. Source: Bathe, Finite Element Procedures, §6.2.
+would lock. Of solids, which have to be a flat plate, those in its plane count, without stress
+across it: elements far longer than thick cannot follow how the thickness changes as the plate
+turns. Source: Bathe, Finite Element Procedures, §6.2.
 """
 
 from __future__ import annotations
@@ -14,13 +16,46 @@ from flexmb.fe.assembly.interfaces import ModelInterface, RigidInterface
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.flexbody.membrane_stiffness import shape_pairs
 
+# Ratio of second moments of the nodes across and along, up to which solid elements are a plate.
+_PLATE = 0.02
+_PLANE, _ACROSS = [0, 1, 5], [2, 3, 4]  # strains xx yy xy, and zz yz zx
 _MATRICES = 24  # (d, d) of an element, the memory that its strains of second order take
 
 
 def has_second_order_strains(fe: FEMatrices) -> bool:
-    """Whether a model consists of plates, shells and solids alone, without ties."""
-    every = all(hasattr(block.family, "mean_strains") for block in fe.blocks)
-    return bool(fe.blocks) and every and not fe.ties
+    """Whether a model consists of shells, and solids that are a flat plate, without ties."""
+    every = [hasattr(block.family, "mean_strains") for block in fe.blocks]
+    if fe.ties or not all(every) or not every:
+        return False
+    thin, wide, _ = _principal_axes(fe)[0]
+    return thin < _PLATE * wide or all(block.family.dimension == 2 for block in fe.blocks)
+
+
+def _principal_axes(fe: FEMatrices) -> tuple[FloatArray, FloatArray]:
+    """Second moments (3,) of the nodes, ascending, and their axes (3, 3) as columns."""
+    points = fe.mesh.points[fe.numbering.nodes]
+    moments, axes = np.linalg.eigh(np.cov(points.T))
+    return moments, axes
+
+
+def _in_plane(
+    B: FloatArray, E: FloatArray, D: FloatArray, axes: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Strains of first (ne, 3, d) and second order (ne, 3, p) along the last two `axes`, and their
+    elasticity (3, 3) without stress along the first."""
+    R, T = axes[:, [1, 2, 0]].T, np.zeros((6, 6))
+    for k, (a, b) in enumerate(((0, 0), (1, 1), (2, 2), (1, 2), (2, 0), (0, 1))):
+        strain = np.zeros((3, 3))
+        strain[a, b] = strain[b, a] = 1.0 if a == b else 0.5
+        x = R @ strain @ R.T
+        T[:, k] = x[0, 0], x[1, 1], x[2, 2], 2 * x[1, 2], 2 * x[2, 0], 2 * x[0, 1]
+    back = np.linalg.inv(T)
+    D = back.T @ D @ back
+    coupled = D[np.ix_(_PLANE, _ACROSS)]
+    D = D[np.ix_(_PLANE, _PLANE)] - coupled @ np.linalg.solve(
+        D[np.ix_(_ACROSS, _ACROSS)], coupled.T
+    )  # fmt: skip
+    return T[_PLANE] @ B, T[_PLANE] @ E, D
 
 
 def second_order_loads(
@@ -51,7 +86,7 @@ def second_order_loads(
     """
     first, second = shape_pairs(shapes.shape[1])
     both = np.where(first == second, 1.0, 2.0)
-    everywhere = fe.expand(shapes)
+    everywhere, axes = fe.expand(shapes), _principal_axes(fe)[1]
     F, V = np.zeros((fe.numbering.n_all, len(first))), np.zeros((len(first),) * 2)
     for block in fe.blocks:
         width = 6 if block.family.rotations else 3
@@ -60,6 +95,8 @@ def second_order_loads(
             elements = (fe.mesh.points[nodes], block.section, everywhere[dofs])
             B, products, elasticity, measure = block.family.mean_strains(*elements)
             E = both * products[..., first, second]
+            if block.family.dimension == 3:
+                B, E, elasticity = _in_plane(B, E, elasticity, axes)
             stress = measure[:, None, None] * (elasticity @ E)
             np.add.at(F, dofs, np.matmul(B.transpose(0, 2, 1), stress))
             V += E.reshape(-1, len(first)).T @ stress.reshape(-1, len(first))

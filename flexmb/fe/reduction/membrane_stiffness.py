@@ -22,9 +22,7 @@ from flexmb.progress import Progress, silent
 
 # Shapes of each sort. With six, a clamped square is within 1 % up to 1.5 times its thickness.
 _MAX_SHAPES = 6
-# Ratios of second moments of mass: of the second axis to the first one, up to which a body is a
-# bar; of the third to the second, up to which solid elements are a plate.
-_BAR, _PLATE = 0.01, 0.02
+_BAR = 0.01  # ratio of second moments of mass across and along, up to which a body is a bar
 
 
 def with_membrane_stiffness(
@@ -66,10 +64,8 @@ def with_membrane_stiffness(
 
 def _is_plate(body: FlexBody, fe: FEMatrices) -> bool:
     """Whether elements have second-order strains, and the body is neither a bar nor compact."""
-    thin, wide, long = np.linalg.eigvalsh(body.S0 - np.outer(body.S1, body.S1) / body.mass)
-    if wide <= _BAR * long or not has_second_order_strains(fe):
-        return False
-    return any(block.family.dimension == 2 for block in fe.blocks) or bool(thin < _PLATE * wide)
+    _, wide, long = np.linalg.eigvalsh(body.S0 - np.outer(body.S1, body.S1) / body.mass)
+    return bool(wide > _BAR * long) and has_second_order_strains(fe)
 
 
 def _modes_at_rest(body: FlexBody) -> FloatArray:
