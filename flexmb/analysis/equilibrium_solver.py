@@ -221,7 +221,8 @@ class _Descent:
             self.compiled.layout.bodies, body_axes(self.compiled, self.state.q), strict=True
         ):
             place, turn = slice(body.iv, body.iv + 3), slice(body.iv + 3, body.iv + 6)
-            self.state.v[place] = np.cross(self.spin, self.state.q[body.iq : body.iq + 3])
+            r = self.state.q[body.iq : body.iq + 3] + self.compiled.layout.origin
+            self.state.v[place] = np.cross(self.spin, r)
             self.state.v[turn] = A.T @ self.spin
             self.state.vd[place] = np.cross(self.spin, self.state.v[place])
 

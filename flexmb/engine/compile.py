@@ -17,7 +17,7 @@ from flexmb.engine.bodies.rigid_body import Bodies, PlanarBodies
 from flexmb.engine.bodies.static_mode_tables import StaticModes
 from flexmb.engine.bodies.static_modes import STATIC_MODES, of_their_parts
 from flexmb.engine.function import PIECEWISE, TimeFunctions, lower
-from flexmb.engine.geometry import body_weights, extents_of_parts, initial_positions, model_length
+from flexmb.engine.geometry import body_weights, extents_of_parts, initial_positions
 from flexmb.engine.joints import POINT
 from flexmb.engine.joints.constraint import ConstraintRows, Joints
 from flexmb.engine.joints.constraint_groups import row_table, row_weights
@@ -107,11 +107,11 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     if not model.bodies:
         raise SceneError("the model has no bodies")
     tables = build_tables(model, bodies)
-    length = model_length(model, bodies, tables.ground)
-    system = _system(tables, order_equations(tables), length)
+    length, origin = tables.length, tables.lowering.markers.origin
+    system = _system(tables, order_equations(tables))
     curve_points = tables.lowering.groups.curve_points
     places = np.append(np.zeros(tables.before), [point.start for point in curve_points.points])
-    initial_q = np.append(initial_positions(model, tables.bodies), places)
+    initial_q = np.append(initial_positions(model, tables.bodies, origin), places)
     system = of_their_parts(system, length, extents_of_parts(system, initial_q)[0])
     return Compiled(
         system,
@@ -153,14 +153,14 @@ def _flexible_bodies(model: Model, bodies: dict[str, FlexBody]) -> dict[str, Fle
     return bodies
 
 
-def _system(of: ModelTables, order: EquationOrder, length: float) -> System:
+def _system(of: ModelTables, order: EquationOrder) -> System:
     lowering, groups, markers = of.lowering, of.lowering.groups, of.lowering.markers
-    model, programs = lowering.model, lowering.functions.programs
+    model, programs, length = lowering.model, lowering.functions.programs, of.length
     scalar_weights = [unit_weight(scalar, length) for scalar in lowering.scalars]
     gravity = np.array(model.gravity or (0.0,) * 3, dtype=float)
     markers.frame_together([(row.I, row.J) for row in groups.rows])
     parts = Parts(
-        of.bodies, markers.pool.array(), markers.table(), gravity, of.coordinates,
+        of.bodies, markers.pool.array(), markers.table(), gravity, markers.origin, of.coordinates,
         order.curve_markers,
     )  # fmt: skip
     rows = row_table(groups, 6 + of.bodies["m"], len(programs))
@@ -291,6 +291,7 @@ def _layout(of: ModelTables, system: System) -> Layout:
         channels=model.channels(),
         energies=ENERGIES,
         fingerprint=fingerprint(system),
+        origin=tuple(of.lowering.markers.origin.tolist()),
     )
 
 

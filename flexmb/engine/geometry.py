@@ -111,6 +111,17 @@ def model_length(
     return max([spread, float(gyration.max(initial=0.0)), *reach]) or 1.0
 
 
+def coordinate_origin(model: Model, length: float) -> Array:
+    """Origin (3,) of positions in the equations [m]: near the bodies, 0 for a model near 0.
+
+    Its components are multiples of a power of two of 4 to 8 times the size of the model, so that
+    positions relative to it are exact.
+    """
+    r = np.array([spec.position for spec in model.bodies.values()], dtype=float)
+    unit = 2.0 ** np.ceil(np.log2(4.0 * length))
+    return np.asarray(unit * np.round(0.5 * (r.min(axis=0) + r.max(axis=0)) / unit) + 0.0)
+
+
 def _points(model: Model, flexbodies: Mapping[str, FlexBody]) -> NDArray[np.float64]:
     """Global positions (n, 3) of all markers of bodies in the initial pose."""
     points, counts = [], []
@@ -140,11 +151,12 @@ def body_weights(
     return np.concatenate(parts)
 
 
-def initial_positions(model: Model, bodies: NDArray[np.void]) -> Array:
-    """q of the initial, undeformed pose."""
+def initial_positions(model: Model, bodies: NDArray[np.void], origin: Array) -> Array:
+    """q of the initial, undeformed pose; positions are relative to the origin."""
     q = np.zeros(int((7 + bodies["m"]).sum()))
     pose = [(*spec.position, *spec.orientation) for spec in model.bodies.values()]
     q[bodies["iq"][:, None] + np.arange(7)] = pose
+    q[bodies["iq"][:, None] + np.arange(3)] -= origin
     return q
 
 

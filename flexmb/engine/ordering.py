@@ -14,7 +14,7 @@ from flexmb.engine.bodies.flexible_body import modal_block, put_flags
 from flexmb.engine.bodies.marker import MarkerTable
 from flexmb.engine.bodies.rigid_body import second_moments
 from flexmb.engine.bodies.static_mode_tables import StaticModes, tabulate_static_modes
-from flexmb.engine.geometry import Geometry
+from flexmb.engine.geometry import Geometry, coordinate_origin, model_length
 from flexmb.engine.joints.constraint_groups import (
     Groups,
     coupled_bodies,
@@ -59,7 +59,7 @@ class ModelTables:
     before: int
     coordinates: Table
     kinds: dict[str, Any]
-    ground: NDArray[np.float64]
+    length: float
     sensors: Sensors
     numbers: Mapping[str, int]
     starts: tuple[feedback.Start, ...]  # initial values of the states
@@ -92,7 +92,8 @@ def build_tables(model: Model, flexbodies: Mapping[str, FlexBody]) -> ModelTable
     kinds = {kind.name: lowering.lower(kind) for kind in KINDS if kind.lower is not None}
     kinds["static_modes"] = _static_modes(model, flexbodies, lowering)
     kinds = {name: tables for name, tables in kinds.items() if tables is not None}
-    ground = markers.on_ground()
+    length = model_length(model, flexbodies, markers.on_ground())
+    markers.origin = coordinate_origin(model, length)
     ivs = {s.name: nv + before - len(states) + k for k, s in enumerate(states)}
     starts = tuple(feedback.starts(states, ivs, functions))
     reading = [k.name for k in KINDS if "wrenches" in k.units and (k.name in kinds or k.core)]
@@ -110,7 +111,7 @@ def build_tables(model: Model, flexbodies: Mapping[str, FlexBody]) -> ModelTable
     if signals is not None:
         _frame_reactions(lowering, sensors, signals.feedback, reading.index("joints"))
     return ModelTables(
-        lowering, bodies, before, table, kinds, ground, sensors, numbers, starts, signals
+        lowering, bodies, before, table, kinds, length, sensors, numbers, starts, signals
     )
 
 

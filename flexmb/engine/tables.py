@@ -215,12 +215,16 @@ CURVE_MARKER = np.dtype(
 
 
 class Parts(NamedTuple):
-    """Bodies, markers on them, gravity, and scalar coordinates."""
+    """Bodies, markers on them, gravity, and scalar coordinates.
+
+    Positions of bodies and of markers on ground are relative to `origin`, a point near the model.
+    """
 
     bodies: array_of(BODY)
     pool: Vector  # modal data of bodies and markers
     markers: array_of(MARKER)
     gravity: Vector  # (3,) m/s^2
+    origin: Vector  # (3,) m, global
     coordinates: array_of(COORDINATE)
     curve_markers: array_of(CURVE_MARKER)
 
@@ -387,6 +391,10 @@ class Layout:
     In q and v the scalar coordinates come after the bodies, in this order. A reaction is the wrench
     pair of a joint or driver, twelve numbers: force and moment on marker J in its axes, then force
     and moment on marker I in its axes.
+
+    The positions of bodies in the equations are relative to `origin` [m], a point near the model: a
+    model far from the origin of the ground moves as exactly as beside it. Result files hold global
+    positions.
     """
 
     bodies: tuple[BodyColumns, ...]
@@ -399,3 +407,14 @@ class Layout:
     channels: tuple[str, ...]
     energies: tuple[str, ...]
     fingerprint: str
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def shifted(self, q: NDArray[np.float64], sign: float) -> NDArray[np.float64]:
+        """A copy of coordinates (..., nq) with all bodies moved by `sign` times the origin.
+
+        With 1 coordinates of the equations become positions in the global frame, with -1 back.
+        """
+        q = np.array(q, dtype=float)
+        for body in self.bodies if any(self.origin) else ():
+            q[..., body.iq : body.iq + 3] += sign * np.array(self.origin)
+        return q

@@ -55,7 +55,8 @@ class CompiledModel:
             raise ResultFileError(f"{run.path}: holds no output rows")
         before, fraction = run.row_at(run.time[-1] if time is None else time)
         k = before + round(fraction)
-        return StartValues(run.q[k].copy(), run.v[k].copy(), float(run.table("time")[k]))
+        q = self.compiled.layout.shifted(run.q[k], -1.0)
+        return StartValues(q, run.v[k].copy(), float(run.table("time")[k]))
 
 
 def compile_source(

@@ -223,7 +223,7 @@ class Estimates:
         framed = any(specs[name].frame_interface is not None for name in mine)
         if on and framed:
             return None, True
-        motion = self.of.motion_with(words)[0] if on else self.of.motion
+        motion = self.of.motion_with(words, now)[0] if on else self.of.motion
         model = with_words(self.of.model, dict.fromkeys(mine, DYNAMIC))
         other = self.of.compile(model, self.of.bodies)
         histories, change, names = self._changes(now, other, model, motion, {}, inertia=mine)

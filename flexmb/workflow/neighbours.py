@@ -87,7 +87,7 @@ class ModelVariants:
         for name, file in run.flexbodies.items():
             whole = file.with_name(file.name.replace(SIMULATED, "."))
             bodies[name] = load(whole) if whole != file and whole.exists() else bodies[name]
-        made = cls(run, model, bodies, compiled, read_motion(run), folder, progress)
+        made = cls(run, model, bodies, compiled, read_motion(run, compiled), folder, progress)
         again = None if made.has_origin else partial(made._run, name="rows")
         made.motion, made.notes = resolved_motion(made.motion, compiled, model, most_rows, again)
         return made
@@ -138,13 +138,18 @@ class ModelVariants:
             return self.dynamic[1], self.motion, 0.0
         if names not in self._rigid:
             words = dict.fromkeys(names, RIGID)
-            motion, evaluations = self.motion_with(words)
             own = self.compile(with_words(self.dynamic[0], words), self.bodies)
+            motion, evaluations = self.motion_with(words, own)
             self._rigid[names] = own, motion, evaluations * evaluation_time(own)
         return self._rigid[names]
 
-    def motion_with(self, words: Mapping[str, Mapping[str, str]]) -> tuple[Motion, float]:
-        """The motion of the scene with other options of bodies, and its number of evaluations."""
+    def motion_with(
+        self, words: Mapping[str, Mapping[str, str]], own: Compiled
+    ) -> tuple[Motion, float]:
+        """The motion of the scene with other options of bodies, and its number of evaluations.
+
+        `own`: the scene with these options, compiled.
+        """
         from flexmb.analysis.effects.stored_motion import read_motion
 
         model, finer = with_words(self.model, words), {"outputs": len(self.motion.t) - 1}
@@ -153,7 +158,7 @@ class ModelVariants:
         self._runs += 1
         # numbered, since names of bodies may be of any length
         run = self._run(model, f"switched_{self._runs}")
-        return read_motion(run).thinned(len(self.motion.t)), evaluations(run)
+        return read_motion(run, own).thinned(len(self.motion.t)), evaluations(run)
 
     def deformable(
         self, effects: tuple[Effect, ...]
@@ -192,6 +197,8 @@ class ModelVariants:
         q = compiled.initial_q.copy()
         for now, then in zip(compiled.layout.bodies, self.compiled.layout.bodies, strict=True):
             q[now.iq : now.iq + 7] = self.motion.q[0, then.iq : then.iq + 7]
+            shift = np.subtract(self.compiled.layout.origin, compiled.layout.origin)
+            q[now.iq : now.iq + 3] += shift
         return choose_static_modes(add_damping(compiled, model, q)[0], q)
 
     def _run(self, model: Model, name: str) -> Result:
@@ -257,7 +264,7 @@ def resolved_motion(
             other = copy.copy(model)
             other.dynamics = model.dynamics.model_copy(update={"outputs": n})
             try:
-                rows = read_motion(run(other))
+                rows = read_motion(run(other), compiled)
             except FlexmbError as error:  # a run with other steps may fail
                 why = str(error).splitlines()[0]
                 notes.append(

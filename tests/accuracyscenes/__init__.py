@@ -12,7 +12,7 @@ from .mounts import MOUNTS
 from .orbits import ORBITS
 from .oscillators import OSCILLATORS
 from .pendulums import PENDULUMS
-from .scene import AWAY, Scene, beside_a_large_motion, moved, truth_of
+from .scene import AWAY, Scene, beside_a_large_motion, far_apart, moved, truth_of
 from .spinning import SPINNING
 from .states import STATES
 from .switches import SWITCHES
@@ -25,6 +25,7 @@ __all__ = [
     "SCENES",
     "Scene",
     "beside_a_large_motion",
+    "far_apart",
     "moved",
     "truth_of",
 ]

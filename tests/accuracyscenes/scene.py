@@ -74,6 +74,17 @@ def moved(model, away=AWAY):
     return Model.from_scene_dict(scene)
 
 
+def far_apart(model, away=AWAY):
+    """The same scene about another point, in a model that also has a body at the origin.
+
+    It is so large that the coordinates of its equations have their origin there.
+    """
+    made = moved(model, away)
+    made.add_body("mast", mass=1.0, inertia=[1, 1, 1])
+    made.add_joint("foot", "fixed", between=["ground", "mast"])
+    return made
+
+
 def _shifted(names):
     if isinstance(names, str):
         return "ground.away" if names == "ground" else names

@@ -66,7 +66,7 @@ def told_and_true(models):
     """Changes of the place from one scene to another, along the rows of a run."""
     run, other = (flexmb.simulate(model) for model in models)
     compiled = [compile_system(model, {}) for model in models]
-    made, _ = estimate(*compiled, models[1], read_motion(run), {})
+    made, _ = estimate(*compiled, models[1], read_motion(run, compiled[0]), {})
     k = run.channels().index("place.x")
     return made.channels[:, k], other["place.x"] - run["place.x"]
 

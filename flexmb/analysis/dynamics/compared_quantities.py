@@ -337,6 +337,9 @@ class RoundOff:
     Lengths have the round-off of the distance of their bodies from the origin, angles that of Euler
     parameters, expressions that of the channels that they depend on. It is the standard deviation
     of two roundings, by the step and its projection, uniform within a unit in the last place.
+
+    A sensor relative to a marker on ground that is far from the model has a round-off of its
+    values besides, which steps do not add up.
     """
 
     def __init__(self, rows: Sequence[ComparedQuantity], compiled: Compiled, model: Model) -> None:
@@ -344,6 +347,7 @@ class RoundOff:
         self._channels, bodies = compiled.layout.channels, parts.bodies["iq"]
         self._angles = np.array([1.0 * (one.unit == "rad") for one in rows])
         self._places, self._computed, self._row_of = [], [], dict[str, int]()
+        self._ground = np.zeros(len(rows))  # distance of the markers on ground, if they are far
         for k, one in enumerate(rows):
             if one.unit not in ("m", "rad") or one.reach:
                 continue
@@ -356,6 +360,9 @@ class RoundOff:
                 own = terms[(one.table == "sensors") & np.isin(terms["channel"], one.columns)]
                 ends = np.concatenate([own["I"], own["J"]])
                 on = parts.markers["body"][ends[ends >= 0]]
+                if any(compiled.layout.origin):
+                    far = parts.markers["rho"][ends[ends >= 0]][on < 0]
+                    self._ground[k] = np.linalg.norm(far, axis=1).max(initial=0.0)
                 places = one.columns[:1] if one.table == "q" else np.unique(bodies[on[on >= 0]])
                 self._places += [(k, int(iq)) for iq in places]
 
@@ -364,6 +371,18 @@ class RoundOff:
         sizes = self._angles.copy()
         for k, iq in self._places:
             sizes[k] = max(sizes[k], np.linalg.norm(block.q[:, iq : iq + 3], axis=1).max())
+        return np.asarray(
+            np.finfo(float).eps * np.sqrt(2.0 / 12.0) * self._computed_of(sizes, block)
+        )
+
+    def of_values(self, block: OutputBlock) -> Array:
+        """The largest round-off (k,) of the values themselves: half a unit in the last place."""
+        if not self._ground.any():
+            return self._ground
+        return 0.5 * np.finfo(float).eps * self._computed_of(self._ground.copy(), block)
+
+    def _computed_of(self, sizes: Array, block: OutputBlock) -> Array:
+        """The sizes (k,), with those of expressions by their slopes in the last row of a block."""
         now = zip(self._channels, block.sensors[-1].tolist(), strict=True)
         even = {name: (value, 0.0, 0.0) for name, value in now}
         for k, program in self._computed:
@@ -372,4 +391,4 @@ class RoundOff:
             slopes = np.array([jet[1] for jet in jets]) - program.value(t, even)[1]
             own = sizes[[self._row_of[one] for one in names]]
             sizes[k] = np.linalg.norm(np.where(np.isfinite(slopes), slopes, 0.0) * own)
-        return np.asarray(np.finfo(float).eps * np.sqrt(2.0 / 12.0) * sizes)
+        return sizes

@@ -58,6 +58,7 @@ class QuantityError:
     time: float  # time of the largest error, s
     over: str = ""  # its scale in words, if not its peak-to-peak
     round_off: float = 0.0  # part of the error that shorter steps do not reduce
+    of_values: float = 0.0  # round-off of the values themselves
     begin: float = -math.inf  # start of the vibration that steps damp, if that is the error [s]
 
 
@@ -95,6 +96,7 @@ class MeasuredError:
         self._samples = SampledHistory(len(self._sampled) + len(positions))
         self._before = np.full_like(self._samples.table, np.nan)
         self.round_off = np.zeros(n)
+        self._of_values = np.zeros(n)  # round-off of values, which does not add up
         self._amplified = np.zeros(n)  # measured round-off at the end
         self._cache: dict[tuple[float, int, bool, bool, bytes], dict[str, QuantityError]] = {}
 
@@ -120,7 +122,7 @@ class MeasuredError:
             "error_range": self.comparison.range, "error_growth": self._growth.table,
             "error_samples": self._samples.table, "error_sampled": self._samples.count,
             "error_before": self._before, "error_round_off": self.round_off,
-            "error_damped": self.vibrations.table,
+            "error_damped": self.vibrations.table, "error_of_values": self._of_values,
         }  # fmt: skip
 
     def compare(self, before: MeasuredError) -> None:
@@ -141,6 +143,8 @@ class MeasuredError:
         self._cache.clear()
         if self._round_off_of is not None:
             np.maximum(self.round_off, self._round_off_of.of(fine), out=self.round_off)
+            of_values = self._round_off_of.of_values(fine)
+            np.maximum(self._of_values, of_values, out=self._of_values)
         comparison, positions = self.comparison, self.comparison.positions
         values = comparison.values(fine.part(0, n))
         gaps = comparison.differences(comparison.values(coarse.part(0, n)), values)
@@ -228,7 +232,7 @@ class MeasuredError:
         if key in self._cache:
             return self._cache[key]
         errors, walk, comparison = *self._errors(ratio, steps, limited), self.comparison
-        damped = comparison.shares(table[0])
+        damped, of_values = comparison.shares(table[0]), comparison.shares(self._of_values)
         times = np.where(damped > errors, table[1], self._largest[1])
         begin = np.where(damped > errors, table[2], -math.inf)
         errors = np.maximum(errors, damped)
@@ -237,7 +241,7 @@ class MeasuredError:
             over, name = comparison.scale_in_words(k), comparison.compared[k].name
             error, time = float(errors[k]), float(times[k])
             largest[quantity] = QuantityError(
-                error, name, time, over, float(walk[k]), float(begin[k])
+                error, name, time, over, float(walk[k]), float(of_values[k]), float(begin[k])
             )
         self._cache[key] = largest
         return largest
@@ -250,14 +254,15 @@ class MeasuredError:
         different = self._largest[0] > _DIFFERENT_MOTION * np.maximum(
             scales, comparison.motion_sizes()
         )
-        walk = comparison.shares(np.maximum(math.sqrt(steps) * self.round_off, self._amplified))
+        least = np.maximum(self._amplified, self._of_values)
+        walk = comparison.shares(np.maximum(math.sqrt(steps) * self.round_off, least))
         falling = apart / (max(ratio, 1.0 + 1e-9) - 1.0)
         if self.vibrations.is_damped:  # what both runs have lost of it does not fall
             for of in (comparison.of_quantity.get(one, _NONE) for one in RATES):
                 falling[of] = np.maximum(falling, apart / (DAMPED_RATIO - 1.0))[of]
         if limited and not different[comparison.positions].any():
             different[comparison.reactions] = False
-        most = np.maximum(np.maximum(apart, falling), comparison.shares(self._amplified))
+        most = np.maximum(np.maximum(apart, falling), comparison.shares(least))
         errors = np.where(different, apart, np.minimum(falling + walk, most))
         if limited:
             own, of = comparison.shares(comparison.largest_values()), comparison.reactions

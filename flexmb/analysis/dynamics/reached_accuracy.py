@@ -130,6 +130,11 @@ def missed_accuracy(prepared: PreparedDynamics) -> Iterator[str]:
             f"{agree}: shorter steps do not help, as the motion multiplies errors, and this is "
             f"what it makes of round-off; {ask}{other}"
         )
+    elif worst.of_values > _MAIN_SHARE * worst.error:
+        yield (
+            f"{reached}: so much is the round-off of the values of the sensor, which measures from "
+            "far away; state relative_to = a marker on ground near the model"
+        )
     elif is_stagnant(prepared) and apart < DIFFERENT_MOTION:
         why = "shorter steps do not help, so that this is the floor that round-off leaves method "
         why += prepared.method

@@ -308,11 +308,11 @@ def equations_of(compiled: Compiled) -> StateEquations:
     return StateEquations(compiled, new_state(compiled.system, len(compiled.layout.channels)))
 
 
-def read_motion(run: Result) -> Motion:
-    """The rows of a run."""
+def read_motion(run: Result, compiled: Compiled) -> Motion:
+    """The rows of a run in the coordinates of its model."""
     rows = slice(None)
-    tables = (run.part(name, rows) for name in ("q", "v", "vd", "lam", "sensors"))
-    return Motion(run.time * run.units.scale("s"), *tables)
+    q, *tables = (run.part(name, rows) for name in ("q", "v", "vd", "lam", "sensors"))
+    return Motion(run.time * run.units.scale("s"), compiled.layout.shifted(q, -1.0), *tables)
 
 
 def shapes_of(body: FlexBody, finer: FlexBody) -> Array:
@@ -347,6 +347,7 @@ def carry_motion(
     mine = {body.name: body for body in own.layout.bodies}
     for body in layout.bodies:
         _carry_body(motion, residual, mine[body.name], body, shapes, (q, v, vd, balance))
+        q[:, body.iq : body.iq + 3] += np.subtract(own.layout.origin, layout.origin)
     names = own.layout.coordinates
     for k, name in enumerate(layout.coordinates):
         if name in names:

@@ -193,6 +193,7 @@ def _line_text(
     if through:
         return f"{_direction_text(axis)} through its joint {through[0]}"
     noise = _ZERO_TOLERANCE * pose.compiled.length
+    point = point + pose.compiled.layout.origin
     rounded = (float(c) if abs(c) > noise else 0.0 for c in point)
     place = ", ".join(f"{model.units.outward(c, 'm'):.4g}" for c in rounded)
     return f"{_direction_text(axis)} through ({place}) {model.units.label('m')}"

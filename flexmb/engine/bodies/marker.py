@@ -360,6 +360,7 @@ class MarkerTable:
     numbers_of: dict[tuple[Any, ...], int] = field(default_factory=dict)
     modes: dict[bytes, int] = field(default_factory=dict)
     framed: set[int] = field(default_factory=set)  # markers of which axes are needed
+    origin: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))  # of the equations
     numbers: dict[str, int] = field(init=False)  # of the bodies by name
 
     def __post_init__(self) -> None:
@@ -438,4 +439,5 @@ class MarkerTable:
             ]
             for k, name in enumerate(("body", "modes", "bend", "rho", "arm", "R")):
                 table[name] = [row[k] for row in self.rows]
+            table["rho"][table["body"] < 0] -= self.origin
         return table

@@ -224,7 +224,8 @@ def rigid_kinetic(parts, now, v, i):
 def body_weight(parts, now, q, i):
     """−g·(m r + A c) of one body, J."""
     body, bn = parts.bodies[i], now.body[i]
-    moment = plus(turned(bn["A"], triple(bn["c"])), body["mass"], part(q, body["iq"]))
+    r = plus(part(q, body["iq"]), 1.0, triple(parts.origin))
+    moment = plus(turned(bn["A"], triple(bn["c"])), body["mass"], r)
     return -inner(triple(parts.gravity), moment)
 
 

@@ -174,8 +174,9 @@ def add_marker_motion(channels: Channels, spec: MarkerSensorSpec) -> None:
             continue
         axes = GLOBAL_AXES if spec.axes == "global" else lowering.marker(spec.axes)
         terms = [Term(motion, -1, axes, j, a)]
-        if spec.relative_to is not None:
-            other = lowering.marker(spec.relative_to)
+        near = motion is not POSITION or not lowering.markers.origin.any()
+        if spec.relative_to is not None or not near:
+            other = lowering.marker(spec.relative_to or "ground")
             terms.append(Term(motion, -1, axes, other, a, factor=-1.0))
         channels.add_sum(terms)
 

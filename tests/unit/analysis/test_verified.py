@@ -7,7 +7,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from accuracyscenes import AWAY, SCENES, moved
+from accuracyscenes import AWAY, SCENES, far_apart
 from accuracyscenes.textbook import Linkage
 from truthkit import Memory
 
@@ -117,7 +117,7 @@ def test_round_off_that_a_chaotic_motion_multiplies_is_told(accuracy, knobs):
     end = np.exp(1j * angles).sum(axis=0)
     truth = np.column_stack([end.real, end.imag, 0.0 * t]) + AWAY
     outcome, _, sensors, _ = simulated(
-        moved(high()), accuracy=accuracy, duration=25.0, outputs=200, **knobs
+        far_apart(high()), accuracy=accuracy, duration=25.0, outputs=200, **knobs
     )
     error = np.abs(sensors - truth).max() / np.ptp(truth, axis=0).max()
     assert error > 2 * accuracy
@@ -130,7 +130,7 @@ def test_round_off_that_a_chaotic_motion_multiplies_is_told(accuracy, knobs):
     ("make", "duration", "accuracy", "runs"),
     [
         (SCENES["Andrews' mechanism"].make, 0.03, 1e-6, 1),
-        (lambda size: moved(high()), 25.0, 1e-3, 3),
+        (lambda size: far_apart(high()), 25.0, 1e-3, 3),
     ],
     ids=["Andrews' mechanism", "a pendulum a kilometre away"],
 )
@@ -160,7 +160,7 @@ def test_round_off_is_looked_for_by_one_run_and_measured_by_three(
 @pytest.mark.slow
 def test_round_off_of_a_run_that_was_extended_is_told(tmp_path):
     """It is looked for from the first row on, as in a run that was as long from the start."""
-    model = moved(high())
+    model = far_apart(high())
     model.set_dynamics(duration=25.0, outputs=25, accuracy=1e-3)
     begun = flexmb.simulate(model, output=tmp_path)
     with pytest.warns(flexmb.FlexmbWarning, match="multiplies errors"):

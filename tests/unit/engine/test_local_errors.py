@@ -67,6 +67,7 @@ def test_noise_is_what_stiff_forces_make_of_last_places():
         update={"between": ("ground.away", "m")}
     )
     made.bodies["m"] = made.bodies["m"].model_copy(update={"position": (1000.0, 0, 0)})
+    made.add_body("mast", mass=1.0, inertia=[1, 1, 1])  # at the origin, so that it stays there
     _, _, work = steps(made, explicit(), 1e-5, 1, 0, begin, end=10.0, **FREE)
     noise = work.trial.vd_round_off / compile_system(made).system.weights
     assert noise[0] == pytest.approx(1e8 * 1e-15 * 1000.0, rel=0.3)  # units of the place are 1e-13
