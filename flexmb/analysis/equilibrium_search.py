@@ -61,7 +61,8 @@ class Equilibrium:
     Attributes
     ----------
     state : State
-        Positions q and multipliers λ; v and v̇ are zero, or those of a steady rotation. SI.
+        Positions and multipliers λ; v and v̇ are zero, or those of a steady rotation. SI. Positions
+        are relative to the origin of the equations (`Layout.origin`); those of `q` are global.
     steps : int
         Number of steps of the solver.
     """
@@ -73,6 +74,11 @@ class Equilibrium:
 
     def __repr__(self) -> str:
         return f'<Equilibrium of "{self.model.title}", reached in {self.steps} steps>'
+
+    @property
+    def q(self) -> Array:
+        """Positions (nq,), global, SI: as in a result, body after body."""
+        return self.compiled.layout.shifted(self.state.q, 1.0)
 
     @property
     def energy(self) -> float:
@@ -187,14 +193,14 @@ def find_equilibrium(
     time : float
         Time at which functions and drivers are evaluated [s].
     start : (nq,) array, optional
-        First positions; by default those of the scene.
+        First positions, global; by default those of the scene.
 
     Raises
     ------
     AssemblyError
         Joints that cannot be closed; no equilibrium, with the body that keeps moving and its force.
     """
-    q = compiled.initial_q if start is None else start
+    q = compiled.initial_q if start is None else compiled.layout.shifted(start, -1.0)
     begin = StartValues(q, np.zeros(compiled.layout.nv), time)
     if start is None and time == 0.0:
         first = assemble(compiled, model)

@@ -123,12 +123,13 @@ def match_motion(compiled: Compiled, motion: Result) -> tuple[np.ndarray, ...]:
         what = f"the run has no {', '.join(missing)} of the model, whose turns and strokes are read"
         cure = "give its scene the same one; a spring with value = 0 alone does not act"
         raise ResultFileError(f"{motion.path}: {what}: {cure}")
-    tables = [motion.table("time")]
+    tables = []
     for table, width in ((motion.q, mine.nq), (motion.v, mine.nv), (motion.vd, mine.nv)):
         bodies = width - len(mine.coordinates)
         scalars = [bodies + theirs.coordinates.index(name) for name in mine.coordinates]
         tables.append(np.ascontiguousarray(table[:, [*range(bodies), *scalars]]))
-    return tuple(tables)
+    q, *rates = tables
+    return motion.table("time"), mine.shifted(q, -1.0), *rates
 
 
 def _put_row(pose: KinematicPose, rows: tuple[np.ndarray, ...], k: int) -> None:
@@ -210,7 +211,8 @@ class _Run:
 
     def store_unread(self) -> None:
         if self.rows.unread:
-            self._sink.append(self.rows.read())
+            rows = self.rows.read()
+            self._sink.append(rows.in_global_frame(self._prepared.pose.compiled.layout))
 
     def notes(self) -> list[str]:
         """Notes on the limits of the computed forces."""

@@ -304,7 +304,7 @@ class _Run:
             self.contact_loss.add(rows)
             self.deflection.add(rows)
             self.orientations.add(rows)
-            self._sink.append(rows)
+            self._sink.append(rows.in_global_frame(self._prepared.pose.compiled.layout))
 
     def statistics(self) -> dict[str, float | int | str]:
         """Numbers for the summary."""

@@ -82,9 +82,8 @@ class SweepPoint:
 
     @property
     def q(self) -> Array:
-        """Positions (nq,), SI."""
-        q: Array = self.equilibrium.state.q
-        return q
+        """Positions (nq,), global, SI."""
+        return self.equilibrium.q
 
 
 @dataclass(frozen=True)

@@ -169,7 +169,7 @@ class _Run:
             rows = self.rows.read()
             for monitor in self.monitors:
                 monitor.add(rows)
-            self._sink.append(rows)
+            self._sink.append(rows.in_global_frame(self._prepared.compiled.layout))
 
     def _note_jump(self, time: float) -> None:
         """Add a note if the equilibrium is on another branch than the one before."""

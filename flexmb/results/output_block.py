@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.engine.tables import Layout
 from flexmb.flexbody.arrays import Array
 from flexmb.results.channels import TABLES
 
@@ -31,6 +32,10 @@ class OutputBlock:
         named = {field.name: getattr(self, field.name) for field in fields(self)}
         named["time"] = named.pop("t")
         return {name: np.asarray(named[name], dtype=np.float64) for name in TABLES}
+
+    def in_global_frame(self, layout: Layout) -> OutputBlock:
+        """The rows with global positions of bodies, as result files hold them."""
+        return replace(self, q=layout.shifted(self.q, 1.0)) if any(layout.origin) else self
 
     def part(self, start: int, stop: int) -> OutputBlock:
         """The rows from start to stop."""

@@ -170,7 +170,6 @@ class ResultWriter:
         """
         tables = block.tables()
         self._check_shapes(tables)
-        tables["q"] = self.columns.shifted(tables["q"], 1.0)
         if not len(tables["time"]):
             return
         good = count_finite_rows(tables)

@@ -118,9 +118,9 @@ def test_all_equilibria_of_a_truss():
     ]
     assert len(roots) == 3
     found = flexmb.equilibria(truss(load))
-    places = [one.state.q[1] for one in found]
+    places = [one.q[1] for one in found]
     np.testing.assert_allclose(np.sort(places), np.sort(roots), atol=1e-10)
-    stable = {round(one.state.q[1], 6): one.linearize().stable for one in found}
+    stable = {round(one.q[1], 6): one.linearize().stable for one in found}
     assert [stable[round(y, 6)] for y in sorted(roots)] == [True, False, True]
 
 

@@ -336,7 +336,7 @@ class _Pass:
             self._ringing,
         ):  # fmt: skip
             monitor.add(rows)
-        self._sink.append(rows)
+        self._sink.append(rows.in_global_frame(self._prepared.run.compiled.layout))
 
     def _store(self, blocks: Sequence[OutputBlock]) -> str:
         """Store rows and state; returns a sentence if the mechanism has come apart, or ""."""

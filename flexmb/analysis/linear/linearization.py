@@ -209,12 +209,13 @@ class Linearization:
         return shares
 
     def displaced(self, k: int, amplitude: float, phase: float = 0.0) -> Array:
-        """Positions (nq,) displaced by mode k (counted from 0) at a phase [rad].
+        """Global positions (nq,) displaced by mode k (counted from 0) at a phase [rad].
 
         `amplitude` is that of the largest coordinate, over the model size or in radians.
         """
         motion = amplitude * np.real(self.shapes[:, k] * np.exp(1j * phase))
-        return ConstraintRows(self.compiled).move(self.state.q, motion)
+        q = ConstraintRows(self.compiled).move(self.state.q, motion)
+        return self.compiled.layout.shifted(q, 1.0)
 
     @property
     def stable(self) -> bool:
