@@ -27,6 +27,9 @@ Ends = tuple[PlacedMarker, PlacedMarker]
 """Markers I and J."""
 
 
+_FAR = 4.0  # distance from the origin of the ground over the size of the model
+
+
 @dataclass(frozen=True)
 class Geometry:
     """Markers of a model in its initial pose, by scene path; positions and axes are global."""
@@ -112,14 +115,16 @@ def model_length(
 
 
 def coordinate_origin(model: Model, length: float) -> Array:
-    """Origin (3,) of positions in the equations [m]: near the bodies, 0 for a model near 0.
+    """Origin (3,) of positions in the equations [m]: amid the bodies of a model that is far from 0.
 
-    Its components are multiples of a power of two of 4 to 8 times the size of the model, so that
-    positions relative to it are exact.
+    Far is more than `_FAR` times the size of the model. The components are multiples of a power of
+    two, so that positions relative to them are exact.
     """
     r = np.array([spec.position for spec in model.bodies.values()], dtype=float)
-    unit = 2.0 ** np.ceil(np.log2(4.0 * length))
-    return np.asarray(unit * np.round(0.5 * (r.min(axis=0) + r.max(axis=0)) / unit) + 0.0)
+    middle, unit = 0.5 * (r.min(axis=0) + r.max(axis=0)), 2.0 ** np.floor(np.log2(length) - 4.0)
+    if np.linalg.norm(middle) <= _FAR * length:
+        return np.zeros(3)
+    return np.asarray(unit * np.round(middle / unit) + 0.0)
 
 
 def _points(model: Model, flexbodies: Mapping[str, FlexBody]) -> NDArray[np.float64]:
