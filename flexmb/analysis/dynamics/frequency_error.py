@@ -18,6 +18,10 @@ which is Rayleigh's quotient of the shape with its static response. S is taken a
 rows, which is solved exactly; vibrations that the rows do not resolve are left out. Matrices are
 those of the row, with the springs, forces and damping there; they are computed again where the pose
 or the speed of rotation differs, and used for all rows near it.
+
+An undamped vibration is δ = ∫ cos ω(t − s) dS(s), so that the total variation of S, in norms of the
+mass matrix, is a bound of δ whatever the frequencies and poses. While it is too small to matter at
+any sensor, nothing else is computed.
 """
 
 from __future__ import annotations
@@ -57,6 +61,8 @@ _LEAST_PHASE = 5e-3  # by which vibrations get out of phase within the run, that
 _LEAST_CYCLES = 0.5  # of a vibration in the run
 _GROWTH = 0.02  # of a motion, over its frequency, from which it is unstable
 _OMITTED_DAMPING = 0.01  # damping ratio of modes that are left out
+# The bound is that of the first pose times the first number; it is small below this change.
+_POSES_MAY_DIFFER, _SMALL_CHANGE = 3.0, 0.3 * LARGEST_CHANGE
 _STEP = 1e-4  # of a motion for differences of sensors, over the size of the model
 _LEAST_RANGE = 1e-7  # range of a sensor, over the size of the model, that is a motion
 
@@ -122,6 +128,7 @@ class _Pose:
     vectors: NDArray[np.complex128]  # (2 (d + o), k)
     kick: NDArray[np.complex128]  # (k, forces) change by a change of the rate of S, and of y
     start: NDArray[np.complex128]  # (k, 2 (d + o)) from states
+    impulse: Array  # (d, forces) on the modes of the run, by a change of S and of y
     seen: Array  # (channels, d) change of the sensors
 
     def is_exact(self, duration: float) -> bool:
@@ -151,9 +158,9 @@ class FrequencyErrorMonitor:
             for name, spec in model.sensors.items()
             if spec.type in _KINDS and not getattr(spec, "derivative", 0)
         }
-        if not self._sensors:
-            self._bodies = []
         self._poses: list[tuple[Array, _Pose]] = []
+        self._equations: StateEquations | None = None
+        self._variation, self._counts = np.zeros(1), np.zeros(1, bool)
         self._joined = _relative_rotations(compiled, model)
         n_o, nv = sum(len(one.omega) for one in self._bodies), compiled.layout.nv
         self._duration = model.dynamics.duration if model.dynamics else 0.0
@@ -167,7 +174,7 @@ class FrequencyErrorMonitor:
     @one_blas_thread()
     def add(self, rows: OutputBlock) -> None:
         """Add the next rows."""
-        if not self._bodies or not len(rows.t):
+        if not self._bodies or not self._sensors or not len(rows.t):
             return
         self._least = np.minimum(self._least, rows.sensors.min(axis=0))
         self._most = np.maximum(self._most, rows.sensors.max(axis=0))
@@ -181,10 +188,15 @@ class FrequencyErrorMonitor:
             if not steps.any():
                 return
             self._interval = np.array([np.median(steps[steps > 0.0])])
+        if not self._poses:
+            self._poses.append((self._marks(rows.part(0, 1))[0], self._pose(rows, 0)))
+        self._counts |= self._may_count(table)
+        if not self._counts[0]:
+            self._rest(table)
+            return
         near = self._near(rows)
-        for first, last in _runs(near):
-            pose = self._poses[near[first]][1]
-            self._integrate(pose, table[first:last])
+        for part in np.split(np.arange(len(near)), np.flatnonzero(np.diff(near)) + 1):
+            self._integrate(self._poses[near[part[0]]][1], table[part])
 
     def _forces(self, rows: OutputBlock) -> Array:
         """(t, forces) of the rows: S of each body, in body axes, then y = C x/ω² of its modes."""
@@ -195,6 +207,21 @@ class FrequencyErrorMonitor:
             parts.append(x @ one.rest @ one.C)
         return np.hstack([*parts, *modes])
 
+    def _may_count(self, table: Array) -> bool:
+        """Whether the variation of the forces so far may change a sensor by what counts."""
+        pose = self._poses[0][1]
+        impulses = np.diff(np.vstack([self._row[0], table])[:, 1:], axis=0) @ pose.impulse.T
+        self._variation += np.linalg.norm(impulses, axis=1).sum()
+        seen = [np.linalg.norm(pose.seen[columns], 2) for columns in self._sensors.values()]
+        changes = _POSES_MAY_DIFFER * self._variation[0] * np.array(seen)
+        return bool(np.any(changes > _SMALL_CHANGE * np.array(self._ranges())))
+
+    def _ranges(self) -> list[float]:
+        """Range of each sensor so far; infinite for one that does not move."""
+        sizes = [float(np.ptp([self._least[at], self._most[at]], axis=0).max())
+                 for at in self._sensors.values()]  # fmt: skip
+        return [x if x > _LEAST_RANGE * self._compiled.length else np.inf for x in sizes]
+
     def _near(self, rows: OutputBlock) -> NDArray[np.int64]:
         """(t,) number of the pose whose vibrations count for each row; new ones are computed."""
         marks, near = self._marks(rows), np.zeros(len(rows.t), np.int64)
@@ -204,12 +231,10 @@ class FrequencyErrorMonitor:
             most = _MOST_POSES
             if all(pose.is_exact(self._duration) for _, pose in self._poses):
                 most = _EXACT_POSES
-            last = len(marks) if away else first
-            if away:
-                to_pose = np.array(away)[:, first:]
-                far = np.flatnonzero(to_pose.min(axis=0) > _NEAR)
-                last = first + int(far[0]) if len(far) and len(away) < most else last
-                near[first:last] = to_pose[:, : last - first].argmin(axis=0)
+            to_pose = np.array(away)[:, first:]
+            far = np.flatnonzero(to_pose.min(axis=0) > _NEAR)
+            last = first + int(far[0]) if len(far) and len(away) < most else len(marks)
+            near[first:last] = to_pose[:, : last - first].argmin(axis=0)
             if last < len(marks):
                 self._poses.append((marks[last], self._pose(rows, last)))
                 near[last] = len(away)
@@ -227,7 +252,8 @@ class FrequencyErrorMonitor:
             for i, j in self._joined
         ]
         for one in self._bodies:
-            lowest = np.sqrt(np.linalg.eigvalsh(one.body.K)[0] / max(_mass_of(one.body), 1e-300))
+            mass = max(np.linalg.eigvalsh(one.body.M_eta)[-1], 1e-300)  # the largest modal one
+            lowest = np.sqrt(np.linalg.eigvalsh(one.body.K)[0] / mass)
             iv = one.columns.iv
             parts.append(rows.v[:, iv + 3 : iv + 6] / lowest)
         return np.hstack(parts)
@@ -235,19 +261,20 @@ class FrequencyErrorMonitor:
     def _pose(self, rows: OutputBlock, k: int) -> _Pose:
         """The vibrations about row k."""
         compiled = self._compiled
-        state = new_state(compiled.system, len(compiled.layout.channels))
-        state.t[0] = rows.t[k]
+        if self._equations is None:
+            state = new_state(compiled.system, len(compiled.layout.channels))
+            self._equations = StateEquations(compiled, state)
+        equations, state = self._equations, self._equations.state
+        state.t[0], state.angles[:] = rows.t[k], 0.0
         for name in ("q", "v", "vd", "lam"):
             getattr(state, name)[:] = getattr(rows, name)[k]
-        equations = StateEquations(compiled, state)
         speeds = [np.linalg.norm(state.v[one.part][3:6]) for one in self._bodies]
         observer = self._bodies[int(np.argmax(speeds))].columns.name
         along, tangents = RowsAlongMotion(compiled, state), equations.tangents()
         of = MinimalEquations(along, tangents, observer)
         moves = ~of.coordinates.states
         N, Nd = of.coordinates.N[:, moves], of.coordinates.Nd[:, moves]
-        matrices = [X[np.ix_(moves, moves)] for X in (of.mass, of.damping, of.stiffness)]
-        M, D, K = matrices
+        M, D, K = (X[np.ix_(moves, moves)] for X in (of.mass, of.damping, of.stiffness))
         try:
             squares, T = eigh(0.5 * (K + K.T), 0.5 * (M + M.T))
         except np.linalg.LinAlgError:  # a motion without inertia
@@ -313,15 +340,15 @@ class FrequencyErrorMonitor:
         rates = np.repeat([1.0, unit], n)  # states have the interval as the unit of time
         return _Pose(
             *motions, omega, shares.sum(axis=0), shares, values[there] / unit,
-            vectors[:, there] / rates[:, None], kick[there], start[there] * rates, seen,
+            vectors[:, there] / rates[:, None], kick[there], start[there] * rates, impulse[:d],
+            seen,
         )  # fmt: skip
 
     def _integrate(self, pose: _Pose, table: Array) -> None:
         """Integrate over the next rows: times and forces."""
         nv, d = self._compiled.layout.nv, len(pose.omega)
         if pose.is_exact(self._duration) or not len(pose.values):
-            self._row = np.vstack([table[-1], np.full_like(table[-1], np.nan)])
-            self._state = np.zeros_like(self._state)
+            self._rest(table)
             return
         half = len(self._state) // 2
         now = pose.project @ self._state[:nv]
@@ -350,6 +377,11 @@ class FrequencyErrorMonitor:
         parts = pose.shapes @ last[:d], last[d:n], rates, last[n + d :]
         self._state = np.concatenate(parts)
 
+    def _rest(self, table: Array) -> None:
+        """Go to the last of the next rows without a difference of the motion."""
+        self._row = np.vstack([table[-1], np.full_like(table[-1], np.nan)])
+        self._state = np.zeros_like(self._state)
+
     def _update(self, pose: _Pose, t: Array, amplitudes: Array) -> None:
         """Keep the largest change of each sensor."""
         change = amplitudes @ pose.seen.T
@@ -370,13 +402,7 @@ class FrequencyErrorMonitor:
         """The largest change of a position sensor over its range, by the body that is its cause."""
         if not self._bodies or not self._most.ndim:
             return
-        shares = [
-            float(self._largest[0, k] / size)
-            if (size := float(np.ptp([self._least[at], self._most[at]], axis=0).max()))
-            > _LEAST_RANGE * self._compiled.length
-            else 0.0
-            for k, at in enumerate(self._sensors.values())
-        ]
+        shares = [float(x) for x in self._largest[0] / self._ranges()]
         k = int(np.argmax(shares))
         _, t, hertz, shift = self._largest[:, k]
         body, sensor = self._bodies[self._body[k]].columns.name, list(self._sensors)[k]
@@ -412,11 +438,6 @@ def _relative_rotations(compiled: Compiled, model: Model) -> list[tuple[int, int
     return sorted(pairs)
 
 
-def _mass_of(body: FlexBody) -> float:
-    """Largest modal mass of a body."""
-    return float(np.linalg.eigvalsh(body.M_eta)[-1])
-
-
 def _congruent(form: Array, T: Array) -> Array:
     return np.asarray(T.T @ form @ T)
 
@@ -426,9 +447,3 @@ def _rotations(p: Array) -> Array:
     from scipy.spatial.transform import Rotation
 
     return np.asarray(Rotation.from_quat(np.roll(p, -1, axis=1)).as_matrix())
-
-
-def _runs(numbers: NDArray[np.int64]) -> Iterator[tuple[int, int]]:
-    """First index, and that behind the last, of successive equal numbers."""
-    ends = [0, *(np.flatnonzero(np.diff(numbers)) + 1), len(numbers)]
-    yield from ((int(a), int(b)) for a, b in zip(ends, ends[1:], strict=False))
