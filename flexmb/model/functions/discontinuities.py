@@ -230,15 +230,13 @@ def _misfit(low: Any, a: Any, high: Any, b: Any, order: int) -> Any:
     return np.abs(b[..., order] - a[..., order] - 0.5 * (high - low) * slopes)
 
 
-# Functions of these operations alone change at all times: they have no brief changes.
-_STEADY = {"const", "t", "neg", "+", "-", "*", "sin", "cos"}
 # Samples of a run, and of one in which a function changes more than _MANY times; an event shorter
 # than two intervals may be missed. They are primes: samples of a wave are at all its phases.
 _SAMPLES, _CLOSE_SAMPLES, _MANY = 20_011, 200_003, 100
 _RAPID_CHANGE = 10.0  # a change between samples is rapid above this multiple of the median change
 _NO_CHANGE = 1e-6  # and above this fraction of the whole range
 _RAPID_END = 0.5  # a rapid change has ended where changes are below this fraction of the limit
-_LOW_POWER = 8  # polynomials up to this degree have no pulses
+_LOW_DEGREE = 32  # polynomials of t, sines and cosines up to this degree have no pulses
 _MAX_BRIEF_FRACTION = 0.2  # a change is brief if shorter than this fraction of the run
 
 
@@ -247,7 +245,7 @@ def brief_changes(ops: Ops, end: float) -> list[float]:
     five times from the beginning to the end of each: a time step from a state of rest might
     otherwise skip it. Of many, as in a train of pulses, they are the middles of those in which
     no formula is switched."""
-    if {op for op, n in ops if op != "powc" or n not in range(_LOW_POWER + 1)} <= _STEADY:
+    if _is_polynomial(ops):
         return []
     spans, groups = _brief_spans(ops, end, _SAMPLES)
     if len(spans) > _MANY:
@@ -263,6 +261,22 @@ def brief_changes(ops: Ops, end: float) -> list[float]:
     jumps = np.searchsorted(derivative_jumps(ops, end), beside)  # jumps are events in any case
     brief = brief[jumps[:, 0] == jumps[:, 1]]
     return [float(t) for t in np.linspace(brief[:, 0], brief[:, 1], 5).ravel() if 0.0 < t < end]
+
+
+def _is_polynomial(ops: Ops) -> bool:
+    """Whether a program is a polynomial of low degree of t, sines and cosines: it has no pulses."""
+    degrees: list[float] = []
+    for op, argument in ops:
+        if op in ("const", "t"):
+            degrees.append(float(op == "t"))
+        elif op in ("+", "-", "*"):
+            right, left = degrees.pop(), degrees.pop()
+            degrees.append(left + right if op == "*" else max(left, right))
+        elif op == "powc" and argument >= 0.0 and argument == int(argument):
+            degrees[-1] *= argument
+        elif op not in ("neg", "sin", "cos"):
+            return False
+    return degrees[0] <= _LOW_DEGREE
 
 
 def _brief_spans(ops: Ops, end: float, samples: int) -> tuple[Array, Array]:
