@@ -10,15 +10,17 @@ accurate (Trefethen, Approximation Theory and Approximation Practice, 2013, ch. 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 from numpy.polynomial import Chebyshev, Polynomial
+from numpy.polynomial.chebyshev import chebder, chebpts1, chebval, chebvander
+from numpy.typing import NDArray
 
 from flexmb.errors import SceneError
-from flexmb.model.functions.derivatives import BINARY, UNARY, evaluate
-from flexmb.model.functions.discontinuities import derivative_jumps
+from flexmb.flexbody.arrays import Array
+from flexmb.model.functions.derivatives import BINARY, UNARY, evaluate, values_at
+from flexmb.model.functions.discontinuities import derivative_jumps, switch_times
 from flexmb.model.functions.expression import Ops, parse
 from flexmb.model.functions.piecewise import Piecewise, shifted
 
@@ -27,10 +29,19 @@ _TOLERANCE = 1e-13  # largest error of interpolation, over the largest value dur
 # shortest interval over the run; a shorter one contains a jump, whose time is then known well
 # enough
 _MIN_INTERVAL = 1e-9
-# fractions of an interval where the interpolation is checked, between its nodes
-_CHECK_POINTS = (0.03, 0.21, 0.44, 0.68, 0.91)
-_SAMPLES = 257  # samples from which the magnitude of the function is estimated
 _MAX_PIECES = 200_000
+# Nodes of the interpolation in (-1, 1), and places between them where it is checked, at fractions
+# that no wave has as its period; matrices from values at nodes to Chebyshev's series, and from
+# there to powers of x + 1.
+_NODES = chebpts1(_DEGREE + 1)
+_CHECK_POINTS = np.sin(np.sqrt([0.03, 0.2, 0.7, 1.3, 2.1]) * [-1.0, 1.0, -1.0, 1.0, -1.0])
+_TO_SERIES = chebvander(_NODES, _DEGREE) * np.r_[1.0, np.full(_DEGREE, 2.0)] / (_DEGREE + 1)
+_TO_POWERS = np.zeros((_DEGREE + 1, _DEGREE + 1))
+for _k in range(_DEGREE + 1):
+    _TO_POWERS[_k, : _k + 1] = Chebyshev.basis(_k, domain=[0.0, 2.0]).convert(kind=Polynomial).coef
+# Samples of the run at which the interpolation is checked too: a prime number of intervals.
+_SAMPLES = 20_011
+_ROUNDINGS = 4.0  # of t, whose effect on the function is allowed
 _MAX_TERMS = 24  # largest number of terms of a product that is expanded
 
 # C is the argument limited to 0 ... 1, M the part above 1. If both bounds are equal the first
@@ -209,52 +220,74 @@ def _pieces(function: Piecewise, s: Ops, order: int) -> Ops:
 
 def _numerical(ops: Ops, order: int, end: float) -> Ops:
     """Numerical antiderivative, piece by piece over [0, end]; it has no value beyond."""
-
-    def f(t: float) -> float:
-        value = evaluate(ops, t)[0]
-        if not math.isfinite(value):
-            raise SceneError(f"the value is {value:g} at t = {t:.6g} s, not finite")
-        return value
-
-    size = max(abs(f(t)) for t in np.linspace(0.0, end, _SAMPLES))
-    corners = [0.0, *derivative_jumps(ops, end), end]
-    # The last interval is pushed first, so that intervals are processed in order.
-    todo = [(a, b) for a, b in zip(corners[:-1], corners[1:], strict=True)][::-1]
-    knots, rows = [0.0], []
-    while todo:
-        a, b = todo.pop()
-        row = _fitted(f, a, b, _TOLERANCE * size)
-        if row is None and b - a > _MIN_INTERVAL * end:
-            todo += [(0.5 * (a + b), b), (a, 0.5 * (a + b))]
-            continue
-        if row is None:
-            row = np.zeros(_DEGREE + 1)
-            row[:2] = f(a), (f(b) - f(a)) / (b - a)
-        knots.append(b)
-        rows.append(row)
-        if len(rows) > _MAX_PIECES:
+    times = np.linspace(0.0, end, _SAMPLES + 1)
+    samples = _finite_values(ops, times)
+    size = float(np.abs(samples).max())
+    corners = np.unique([0.0, *derivative_jumps(ops, end), *switch_times(ops, end), end])
+    todo, done = np.column_stack([corners[:-1], corners[1:]]), 0
+    pieces, rows = [], []
+    while len(todo):
+        if done + len(todo) > _MAX_PIECES:
             raise SceneError(f"it changes too often to be integrated over {end:g} s")
-    last, nothing = shifted(rows[-1], knots[-1] - knots[-2]), np.full(_DEGREE + 1, np.nan)
+        coefficients, fits = _fitted(ops, todo, times, samples, size)
+        short = ~fits & (todo[:, 1] - todo[:, 0] <= _MIN_INTERVAL * end)
+        coefficients[short] = _straight(ops, todo[short])
+        pieces.append(todo[fits | short])
+        rows.append(coefficients[fits | short])
+        done += len(rows[-1])
+        low, high = todo[~fits & ~short].T
+        middle = 0.5 * (low + high)
+        todo = np.column_stack([low, middle, middle, high]).reshape(-1, 2)
+    intervals, table = np.concatenate(pieces), np.concatenate(rows)
+    forward = np.argsort(intervals[:, 0])
+    knots, table = np.append(0.0, intervals[forward, 1]), table[forward]
+    last, nothing = shifted(table[-1], knots[-1] - knots[-2]), np.full(_DEGREE + 1, np.nan)
     # A time may exceed the end by round-off: the last polynomial extends slightly beyond it.
     curve = Piecewise(
-        np.array([*knots, (1.0 + _MIN_INTERVAL) * end]), np.vstack([rows[0], *rows, last, nothing])
+        np.append(knots, (1.0 + _MIN_INTERVAL) * end), np.vstack([table[0], table, last, nothing])
     )
     for _ in range(order):
         curve = curve.antiderivative()
     return (("t", 0.0), ("piecewise", curve))
 
 
-def _fitted(f: Callable[[float], float], a: float, b: float, allowed: float) -> np.ndarray | None:
-    """Coefficients about a of the interpolating polynomial; None if it is inaccurate in between."""
-    middle, half = 0.5 * (a + b), 0.5 * (b - a)
-    values = np.polynomial.chebyshev.chebinterpolate(
-        np.vectorize(lambda x: f(middle + half * x), otypes=[float]), _DEGREE
-    )
-    for share in _CHECK_POINTS:
-        x = 2.0 * share - 1.0
-        off = np.polynomial.chebyshev.chebval(x, values) - f(middle + half * x)
-        if abs(off) > allowed:
-            return None
-    inside = Chebyshev(values, domain=[0.0, b - a])
-    power = inside.convert(kind=Polynomial, domain=[-1.0, 1.0], window=[-1.0, 1.0]).coef
-    return np.concatenate([power, np.zeros(_DEGREE + 1 - len(power))])
+def _finite_values(ops: Ops, times: Array) -> Array:
+    values = values_at(ops, times.ravel()).reshape(times.shape)
+    lost = np.argwhere(~np.isfinite(values))
+    if len(lost):
+        value, t = values[tuple(lost[0])], times[tuple(lost[0])]
+        raise SceneError(f"the value is {value:g} at t = {t:.6g} s, not finite")
+    return values
+
+
+def _fitted(
+    ops: Ops, intervals: Array, times: Array, samples: Array, size: float
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Polynomials on intervals (n, 2): coefficients (n, p) about their begin, and which are
+    accurate.
+
+    They are so at places in between and at the samples of the run. What the round-off of t changes
+    is no error.
+    """
+    middle, half = intervals.mean(axis=1), 0.5 * np.diff(intervals)[:, 0]
+    at = middle[:, None] + half[:, None] * np.concatenate([_NODES, _CHECK_POINTS])
+    values = _finite_values(ops, at)
+    series = values[:, : len(_NODES)] @ _TO_SERIES
+    off = np.abs(series @ chebvander(_CHECK_POINTS, _DEGREE).T - values[:, len(_NODES) :])
+    slope = np.abs(chebder(series, axis=1) @ chebvander(_NODES, _DEGREE - 1).T).max(axis=1) / half
+    allowed = _TOLERANCE * size + _ROUNDINGS * np.spacing(intervals[:, 1]) * slope
+    fits: NDArray[np.bool_] = (off <= allowed[:, None]).all(axis=1)
+    owner = np.searchsorted(intervals[:, 0], times, side="right") - 1
+    own = np.flatnonzero((owner >= 0) & (times <= intervals[owner, 1]) & fits[owner])
+    x = np.clip((times[own] - middle[owner[own]]) / half[owner[own]], -1.0, 1.0)
+    wrong = np.abs(chebval(x, series[owner[own]].T, tensor=False) - samples[own])
+    fits[owner[own][wrong > 2.0 * allowed[owner[own]]]] = False
+    return series @ _TO_POWERS / half[:, None] ** np.arange(_DEGREE + 1), fits
+
+
+def _straight(ops: Ops, intervals: Array) -> Array:
+    """Straight lines on intervals (n, 2) that contain a jump."""
+    first, last = _finite_values(ops, intervals).T
+    rows = np.zeros((len(intervals), _DEGREE + 1))
+    rows[:, 0], rows[:, 1] = first, (last - first) / (intervals[:, 1] - intervals[:, 0])
+    return rows

@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from flexmb.flexbody.arrays import Array
+
 Jet = tuple[float, float, float]
 Program = Iterable[tuple[str, Any]]
 
@@ -241,3 +243,55 @@ def evaluate(ops: Program, t: float, variables: Mapping[str, Jet] | None = None)
                 stack.append(BINARY[op](stack.pop(), b))
     (f, f1, f2) = stack.pop()
     return float(f), float(f1), float(f2)
+
+
+_ARRAYS: dict[str, Callable[..., Array]] = {
+    **{"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "pow": np.power},
+    **{"min": np.minimum, "max": np.maximum, "atan2": np.arctan2, "hypot": np.hypot},
+    **{"asin": np.arcsin, "acos": np.arccos, "atan": np.arctan, "neg": np.negative},
+    **{"sin": np.sin, "cos": np.cos, "tan": np.tan, "sinh": np.sinh, "cosh": np.cosh},
+    **{"tanh": np.tanh, "exp": np.exp, "log": np.log, "sqrt": np.sqrt, "abs": np.abs},
+    "sign": np.sign,
+}
+
+
+def _modified_sine_of_array(s: Array) -> Array:
+    middle = 2 + np.pi * s - 2.25 * np.cos(4 * np.pi * s / 3 - np.pi / 6)
+    ends = np.pi * s - 0.25 * np.sin(4 * np.pi * s) + 4 * (s > 0.5)
+    curve: Array = np.where((s > 0.125) & (s < 0.875), middle, ends) / (4 + np.pi)
+    return curve
+
+
+_ARRAY_RISES: dict[str, Callable[[Array], Array]] = {
+    "cubicstep": lambda s: s * s * (3 - 2 * s),
+    "quinticstep": lambda s: s**3 * (10 + s * (6 * s - 15)),
+    "haversinestep": lambda s: np.sin(0.5 * np.pi * s) ** 2,
+    "cycloidalstep": lambda s: s - np.sin(2 * np.pi * s) / (2 * np.pi),
+    "modifiedsinestep": _modified_sine_of_array,
+}
+"""Rises by their argument between 0 and 1."""
+
+
+def values_at(ops: Program, times: Array, *, straight_rises: bool = False) -> Array:
+    """Values (n,) of a program at times (n,) [s], with channels as 1: for a search over a run.
+
+    With `straight_rises` rises are straight lines, which change alike from begin to end.
+    """
+    stack: list[Any] = []
+    with np.errstate(all="ignore"):
+        for op, argument in ops:
+            if op == "t":
+                stack.append(times)
+            elif op == "const" or op.startswith("@"):
+                stack.append(np.full_like(times, argument if op == "const" else 1.0))
+            elif op in BINARY:
+                right, left = stack.pop(), stack.pop()
+                stack.append(_ARRAYS[op](left, right))
+            elif op == "powc":
+                stack.append(stack.pop() ** argument)
+            elif op in _ARRAY_RISES:
+                s = np.clip(stack.pop(), 0.0, 1.0)
+                stack.append(s if straight_rises else _ARRAY_RISES[op](s))
+            else:
+                stack.append((argument.values if op == "piecewise" else _ARRAYS[op])(stack.pop()))
+    return np.asarray(stack[0])

@@ -13,7 +13,7 @@ round-off. Two events within one interval (1/512 of the run) may be missed.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from typing import Any, NamedTuple
 
@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.flexbody.arrays import Array
-from flexmb.model.functions.derivatives import BINARY, CHAIN, UNARY, Program, evaluate
+from flexmb.model.functions.derivatives import BINARY, UNARY, Program, evaluate, values_at
 from flexmb.model.functions.expression import Ops, channel_of
 from flexmb.model.functions.piecewise import Piecewise
 
@@ -230,53 +230,69 @@ def _misfit(low: Any, a: Any, high: Any, b: Any, order: int) -> Any:
     return np.abs(b[..., order] - a[..., order] - 0.5 * (high - low) * slopes)
 
 
-# Functions of these operations alone change at all times: they have no brief changes.
-_STEADY = {"const", "t", "neg", "+", "-", "*", "sin", "cos"}
-_ARRAYS: dict[str, Callable[..., Array]] = {
-    **{"+": np.add, "-": np.subtract, "*": np.multiply, "/": np.divide, "pow": np.power},
-    **{"min": np.minimum, "max": np.maximum, "atan2": np.arctan2, "hypot": np.hypot},
-    **{"asin": np.arcsin, "acos": np.arccos, "atan": np.arctan, "neg": np.negative},
-    **{"sin": np.sin, "cos": np.cos, "tan": np.tan, "sinh": np.sinh, "cosh": np.cosh},
-    **{"tanh": np.tanh, "exp": np.exp, "log": np.log, "sqrt": np.sqrt, "abs": np.abs},
-    **{name: lambda s: np.clip(s, 0.0, 1.0) for name in CHAIN if name.endswith("step")},
-    "sign": np.sign,
-}
-_SAMPLES = 20_000  # samples of a run; an event shorter than two intervals may be missed
+# Samples of a run, and of one in which a function changes more than _MANY times; an event shorter
+# than two intervals may be missed. They are primes: samples of a wave are at all its phases.
+_SAMPLES, _CLOSE_SAMPLES, _MANY = 20_011, 200_003, 100
 _RAPID_CHANGE = 10.0  # a change between samples is rapid above this multiple of the median change
 _NO_CHANGE = 1e-6  # and above this fraction of the whole range
 _RAPID_END = 0.5  # a rapid change has ended where changes are below this fraction of the limit
-_LOW_POWER = 8  # polynomials up to this degree have no pulses
-# a change is brief if shorter than this fraction of the run; more changes are the motion itself
-_MAX_BRIEF_FRACTION, _MAX_BRIEF_CHANGES = 0.2, 100
+_LOW_DEGREE = 32  # polynomials of t, sines and cosines up to this degree have no pulses
+_MAX_BRIEF_FRACTION = 0.2  # a change is brief if shorter than this fraction of the run
 
 
 def brief_changes(ops: Ops, end: float) -> list[float]:
     """Times in (0, end) [s] of brief changes, such as a pulse ``exp(-((t - 5)/0.01)**2)``. They are
     five times from the beginning to the end of each: a time step from a state of rest might
-    otherwise skip it."""
-    if {op for op, n in ops if op != "powc" or n not in range(_LOW_POWER + 1)} <= _STEADY:
+    otherwise skip it. Of many, as in a train of pulses, they are the middles of those in which
+    no formula is switched."""
+    if _is_polynomial(ops):
         return []
-    times = np.linspace(0.0, end, _SAMPLES + 1)
-    with np.errstate(all="ignore"):
-        values = np.nan_to_num(_values(ops, times), posinf=0.0, neginf=0.0)
+    spans, groups = _brief_spans(ops, end, _SAMPLES)
+    if len(spans) > _MANY:
+        _, groups = _brief_spans(ops, end, _CLOSE_SAMPLES)
+        events = np.sort([*derivative_jumps(ops, end), *switch_times(ops, end)])
+        outside = groups + np.array([-2.0, 2.0]) * end / _CLOSE_SAMPLES
+        inside = np.searchsorted(events, outside)
+        places = groups[inside[:, 0] == inside[:, 1]].mean(axis=1)
+        return [float(t) for t in places if 0.0 < t < end]
+    begins, ends = groups.T[:, None]
+    brief = spans[((begins <= spans[:, :1]) & (spans[:, 1:] <= ends)).any(axis=1)]
+    beside = brief + np.array([-1.0, 1.0]) * (end / _SAMPLES)
+    jumps = np.searchsorted(derivative_jumps(ops, end), beside)  # jumps are events in any case
+    brief = brief[jumps[:, 0] == jumps[:, 1]]
+    return [float(t) for t in np.linspace(brief[:, 0], brief[:, 1], 5).ravel() if 0.0 < t < end]
+
+
+def _is_polynomial(ops: Ops) -> bool:
+    """Whether a program is a polynomial of low degree of t, sines and cosines: it has no pulses."""
+    degrees: list[float] = []
+    for op, argument in ops:
+        if op in ("const", "t"):
+            degrees.append(float(op == "t"))
+        elif op in ("+", "-", "*"):
+            right, left = degrees.pop(), degrees.pop()
+            degrees.append(left + right if op == "*" else max(left, right))
+        elif op == "powc" and argument >= 0.0 and argument == int(argument):
+            degrees[-1] *= argument
+        elif op not in ("neg", "sin", "cos"):
+            return False
+    return degrees[0] <= _LOW_DEGREE
+
+
+def _brief_spans(ops: Ops, end: float, samples: int) -> tuple[Array, Array]:
+    """Begins and ends (n, 2) [s] of rapid changes, and of groups of them that are brief."""
+    times = np.linspace(0.0, end, samples + 1)
+    values = np.nan_to_num(values_at(ops, times, straight_rises=True), posinf=0.0, neginf=0.0)
     change = np.abs(np.diff(values))
     limit = max(_RAPID_CHANGE * float(np.median(change)), _NO_CHANGE * float(np.ptp(values)))
     edges = np.flatnonzero(np.diff(np.concatenate([[False], change > limit, [False]])))
     spans = times[edges].reshape(-1, 2)
-    if len(spans) > _MAX_BRIEF_CHANGES:
-        return []
     groups = _joined(spans, times[1])
     groups = groups[np.diff(groups)[:, 0] < _MAX_BRIEF_FRACTION * end]
     # outside of a pulse changes are small again; in growth they are not
     around = groups + np.diff(groups) * [-1.0, 1.0]
     after = np.interp(around, times[1:], change, left=0.0, right=0.0)
-    groups = groups[(after < _RAPID_END * limit).all(axis=1)]
-    begins, ends = groups.T[:, None]
-    brief = spans[((begins <= spans[:, :1]) & (spans[:, 1:] <= ends)).any(axis=1)]
-    beside = brief + np.array([-1.0, 1.0]) * times[1]
-    jumps = np.searchsorted(derivative_jumps(ops, end), beside)  # jumps are events in any case
-    brief = brief[jumps[:, 0] == jumps[:, 1]]
-    return [float(t) for t in np.linspace(brief[:, 0], brief[:, 1], 5).ravel() if 0.0 < t < end]
+    return spans, groups[(after < _RAPID_END * limit).all(axis=1)]
 
 
 def _joined(spans: Array, apart: float) -> Array:
@@ -299,10 +315,11 @@ _SWITCH_VALUES: dict[str, tuple[float, ...]] = {
     **dict.fromkeys(("abs", "sign", "max", "min"), (0.0,)),
     **dict.fromkeys(("cubicstep", "haversinestep"), (0.0, 1.0)),
 }
-_MAX_CROSSINGS, _LINEAR_TOLERANCE, _START = 2000, 1e-12, 1e-12
+_MAX_CROSSINGS, _LINEAR_TOLERANCE, _START = 20_000, 1e-12, 1e-12
 
 
-def switch_times(ops: Ops, end: float) -> list[float]:
+@lru_cache(maxsize=64)
+def switch_times(ops: Ops, end: float) -> tuple[float, ...]:
     """Times in (0, end) [s] at which operations switch formulas, if their argument is not linear in
     time: zeros in ``abs(sin(t))``, equal arguments of max and min, ends of rises, corners; 0 if the
     argument of a sign is zero only at the start."""
@@ -321,45 +338,42 @@ def switch_times(ops: Ops, end: float) -> list[float]:
             times += _times_at(last, places, end)
             if op == "sign" and evaluate(last, 0.0)[0] == 0.0 != evaluate(last, _START * end)[0]:
                 times.append(0.0)
-    return times if len(times) <= _MAX_CROSSINGS else []
+    return tuple(times) if len(times) <= _MAX_CROSSINGS else ()
 
 
 def _times_at(ops: Ops, places: Sequence[float], end: float) -> list[float]:
     """Times in (0, end) [s] at which a program that is not linear in time has any of the values."""
-    from scipy.optimize import brentq  # importing takes 0.2 s
-
     grid = np.linspace(0.0, end, _SAMPLES + 1)
-    with np.errstate(all="ignore"):
-        values = _values(ops, grid)
-        bent = np.abs(np.diff(values, 2)).max() > _LINEAR_TOLERANCE * np.ptp(values)
-    if not (np.isfinite(values).all() and bent):
+    values = values_at(ops, grid)
+    if not np.isfinite(values).all():
         return []
+    if np.abs(np.diff(values, 2)).max() <= _LINEAR_TOLERANCE * np.ptp(values):
+        return []
+    if any(len(_passages(values, place)) > _MANY for place in places):
+        grid = np.linspace(0.0, end, _CLOSE_SAMPLES + 1)
+        values = values_at(ops, grid)
     times: list[float] = []
     for place in places:
-        beyond = values > place
-        passed = np.flatnonzero(beyond[1:] != beyond[:-1])
-        for k in passed if len(passed) <= _MAX_CROSSINGS else ():
-            low, high = grid[k], grid[k + 1]
-            ends = [evaluate(ops, t)[0] - place for t in (low, high)]
-            if ends[0] * ends[1] < 0.0:
-                times.append(brentq(lambda t: evaluate(ops, t)[0] - place, low, high, xtol=1e-300))  # noqa: B023
+        passed = _passages(values, place)
+        if 0 < len(passed) <= _MAX_CROSSINGS:
+            times += _crossings(ops, place, grid[passed], grid[passed + 1])
     return times
 
 
-def _values(ops: Ops, times: Array) -> Array:
-    """Values (n,) of a program at times (n,) [s], with channels as 1 and rises as straight
-    lines."""
-    stack: list[Any] = []
-    for op, argument in ops:
-        if op == "t":
-            stack.append(times)
-        elif op == "const" or channel_of(op):
-            stack.append(np.full_like(times, argument if op == "const" else 1.0))
-        elif op in BINARY:
-            right, left = stack.pop(), stack.pop()
-            stack.append(_ARRAYS[op](left, right))
-        elif op == "powc":
-            stack.append(stack.pop() ** argument)
-        else:
-            stack.append((argument.values if op == "piecewise" else _ARRAYS[op])(stack.pop()))
-    return np.asarray(stack[0])
+def _passages(values: Array, place: float) -> NDArray[np.intp]:
+    """Intervals of a grid, by number, over which values pass a value."""
+    beyond = values > place
+    return np.flatnonzero(beyond[1:] != beyond[:-1])
+
+
+def _crossings(ops: Ops, place: float, low: Array, high: Array) -> list[float]:
+    """Times [s] at which a program has a value, one in each interval that has it on both sides."""
+    first, last = (values_at(ops, t) - place for t in (low, high))
+    within = first * last < 0.0
+    low, high, below = low[within], high[within], first[within] < 0.0
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        before = (values_at(ops, middle) < place) == below
+        low, high = np.where(before, middle, low), np.where(before, high, middle)
+    times: list[float] = (0.5 * (low + high)).tolist()
+    return times

@@ -9,6 +9,8 @@ from scipy.integrate import quad
 from flexmb.errors import SceneError
 from flexmb.model.functions.antiderivatives import antiderivative
 from flexmb.model.functions.derivatives import evaluate
+from flexmb.model.functions.discontinuities import derivative_jumps
+from flexmb.model.functions.expression import parse
 from flexmb.model.functions.function import read_function
 
 END = 4.0
@@ -87,3 +89,24 @@ def test_what_never_settles_is_told(monkeypatch):
     monkeypatch.setattr("flexmb.model.functions.antiderivatives._MAX_PIECES", 20)
     with pytest.raises(SceneError, match="changes too often"):
         antiderivative(read_function("sin(exp(3*t))").expression.ops, 1, END)
+
+
+GENEVA = "max(0, r*(cos(2*pi*t + pi) - r)/(1 + r**2 - 2*r*cos(2*pi*t + pi)))"
+
+
+@pytest.mark.parametrize("turns", [1, 50, 100, 200, 333.3, 1000, 2000])
+def test_a_wheel_that_moves_and_rests_is_followed_for_any_time(turns):
+    """Geneva drive: a quarter of a turn of the wheel for one of the crank, with kinks at both ends.
+
+    Over whole turns nodes and places of a check may all lie where the wheel rests.
+    """
+    ratio = float(np.sqrt(0.5))
+    speed = parse(f"2*pi*{GENEVA}", {"r": ratio}).ops
+    found = antiderivative(speed, 1, float(turns))
+    for t in np.linspace(0.0, turns, 37):
+        a = 2 * np.pi * np.clip(t - np.floor(t) - 0.5, -0.125, 0.125)
+        within = np.arctan2(ratio * np.sin(a), 1 - ratio * np.cos(a)) + np.pi / 4
+        wanted = np.floor(t) * np.pi / 2 + within
+        assert evaluate(found, t)[0] == pytest.approx(wanted, abs=4e-12 + 1e-14 * turns)
+    jumps = derivative_jumps(found, float(turns))
+    assert jumps == pytest.approx([k + s for k in range(int(turns)) for s in (0.375, 0.625)])

@@ -87,7 +87,8 @@ def test_there_is_a_jump_at_every_kink_and_none_elsewhere():
         ("abs(exp(t) - 2) + 7*min(t**2, 9)", [np.log(2), 3]),
         ("abs(t - 1) + sign(3 - 2*t)", []),  # linear: known already
         ("max(0, sin(t)**2)", []),  # only touched
-        ("sign(sin(1e4*t))", [0]),  # the motion itself, but where it begins
+        ("sign(sin(1e5*t))", [0]),  # the motion itself, but where it begins
+        ("2 + sign(cos(1000*t))", np.pi * (np.arange(1910) + 0.5) / 1000),
         ("abs(log(t - 3))", []),  # not defined everywhere
     ],
 )
@@ -105,7 +106,7 @@ def test_laws_that_change_with_a_function_of_time_are_found(given, wanted):
         ("step5(t, 2, 0, 2.01, 5) - cycloidal(t, 2.01, 0, 2.02, 5)", (1.99, 2.03)),
         ({"type": "spline", "points": [[0, 0], [1.99, 0], [2, 1], [2.01, 0], [6, 0]]}, None),
         ("abs(t - 1) + sign(3 - 2*t)", None),  # jumps, whose times are known
-        ("max(0, sin(200*t) - 0.9)", None),  # the motion itself
+        ("max(0, sin(200*t) - 0.9)", None),  # switches, which are known
         ("1.5*t**5", None),  # growth is no pulse
         ("exp(2*t)", None),
     ],
@@ -117,6 +118,14 @@ def test_brief_changes_are_seen(given, wanted):
     if wanted:
         low, high = wanted
         assert low < min(times) < sum(wanted) / 2 < max(times) < high
+
+
+@pytest.mark.parametrize("pulses", [120, 1000, 2000, 4000])
+@pytest.mark.parametrize("train", ["exp(-(cos(pi*t)/0.05)**2)", "((sin(pi*t)**8)**8)**8"])
+def test_each_pulse_of_a_train_is_seen(train, pulses):
+    """A sample of the run at each whole second, as of 20 000 over 4000 s, would see none."""
+    times = brief_changes(parse(train).ops, float(pulses))
+    assert np.sort(times) == pytest.approx(np.arange(pulses) + 0.5, abs=0.03)
 
 
 @pytest.mark.parametrize("rise", ["step5", "cycloidal"])
