@@ -88,9 +88,10 @@ class Estimates:
 
     def _alone(self, *effects: Effect, together: Array | None = None) -> list[Contribution]:
         """Contributions of one effect, or of several of one kind that are switched together."""
-        from flexmb.analysis.effects.contribution import contributions
+        from flexmb.analysis.effects.contribution import contributions, round_off
 
-        made = contributions(self.of.model, *self._change(*effects)[:3], together)
+        least = round_off(self.of.compiled, self.of.motion)
+        made = contributions(self.of.model, *self._change(*effects)[:3], together, least)
         rough = self._unsettled_of[effects[0].name, *(one.body for one in effects)]
         return [replace(one, unsettled=one.sensor in rough) for one in made]
 
