@@ -92,16 +92,24 @@ class _Descent:
         acceleration = np.abs(state.vd[self.moving] / self.size[self.moving]).max(initial=0.0)
         if self.spin is not None:
             acceleration = max(acceleration, float(self.spin @ self.spin))
-        self.first = _MAX_STEP / (float(acceleration) or 1.0)
         state.v[self.moving] = 0.0
         state.vd[:] = 0.0
         self._turn()
         self.equations = StateEquations(compiled, state)
+        at_rest = acceleration <= self._round_off()
+        self.first = _MAX_STEP / (1.0 if at_rest else float(acceleration))
+        self.newton = _NEWTON * self.first  # β of Newton's method
         self.travel = np.zeros_like(self.scales)
+
+    def _round_off(self) -> float:
+        """Acceleration (as `first` takes it) by stiffness where the pose is off by round-off."""
+        T = self.equations.tangents()
+        stiffness, mass = (np.abs(np.diag(X))[self.moving] for X in (T.K, T.M))
+        return _ROUND_OFF_SIZE * float((stiffness[mass > 0.0] / mass[mass > 0.0]).max(initial=0.0))
 
     def run(self, descend: bool) -> int:
         """Steps until the equilibrium is reached."""
-        beta = self.first if descend else _NEWTON * self.first
+        beta = self.first if descend else self.newton
         cautious, last, newton = self.first, np.inf, True
         weights = self.compiled.system.row_weights
         for n in range(_MAX_STEPS):
@@ -109,15 +117,15 @@ class _Descent:
             T, F0 = self._equations()
             step, lam = self._step(T, F0, np.array(self.equations.work.con.C), beta)
             longest = self._length(step)
-            if not np.isfinite(longest):
-                beta *= _CUT
+            if not np.isfinite(longest):  # inertia is lost in the round-off of stiffness
+                self.newton = beta = _CUT * beta
                 continue
             share = min(1.0, _MAX_STEP / longest) if longest > 0.0 else 1.0
             before = F0 + T.L @ lam
             q, v = self.state.q.copy(), self.state.v.copy()
             self._move(share * step)
             self.state.lam[:] = lam
-            by_newton = longest <= _CONVERGED and beta >= _NEWTON * self.first
+            by_newton = longest <= _CONVERGED and beta >= self.newton
             if by_newton and (longest <= _ROUND_OFF_SIZE or longest > 0.3 * last):
                 self._finish()  # within round-off
                 return n + 1
@@ -135,9 +143,9 @@ class _Descent:
             newton = newton or longest > _NEWTON_STEP
             if share == 1.0:
                 if longest <= _NEWTON_STEP and (newton or longest <= _WORK_ROUND_OFF):
-                    beta = _NEWTON * self.first
+                    beta = self.newton
                 else:
-                    beta = cautious = min(_GROWTH * beta, _NEWTON * self.first)
+                    beta = cautious = min(_GROWTH * beta, self.newton)
             last = longest
             if self._length(self.travel) > _MAX_TRAVEL:
                 raise AssemblyError(self._what_grows(before))

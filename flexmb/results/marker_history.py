@@ -20,10 +20,10 @@ import numpy as np
 from flexmb.engine.joints.joint import SECOND_TURN, driver_row
 from flexmb.flexbody.arrays import Array
 from flexmb.model import Model
-from flexmb.model.body import BodySpec
 from flexmb.model.lookup import joint_frames, marker_names, place_marker
 from flexmb.model.markers import PlacedMarker, rotation_matrices
 from flexmb.model.reading import GROUND
+from flexmb.model.scenes.conversion import reduced_scene
 from flexmb.model.sensor import CHANNEL_UNITS
 from flexmb.results.crash_safe_file import reading
 from flexmb.results.reader import ResultReader
@@ -299,18 +299,15 @@ class MarkerHistory(ResultReader):
     @cached_property
     def scene_model(self) -> Model:
         """The model of the scene; flexible bodies are read from their files, so that no mesh is
-        needed.
+        needed. ``[part]``, which needs one, is left out with its known answers.
 
         Raises
         ------
         FlexmbError
             A file of a flexible body is missing or damaged.
         """
-        bodies = dict(self.model.get("bodies", {}))
-        for name, path in self.flexbodies.items():
-            words = {key: x for key, x in bodies[name].items() if key in BodySpec.model_fields}
-            bodies[name] = {**words, "flexbody": str(path.resolve())}
-        return Model.from_scene_dict({**self.model, "bodies": bodies}, self.path.parent)
+        scene = reduced_scene(self.model, self.flexbodies)
+        return Model.from_scene_dict(scene, self.path.parent)
 
     @property
     def _loaded_bodies(self) -> dict[str, FlexBody]:

@@ -24,10 +24,10 @@ import numpy as np
 from flexmb.errors import ViewError
 from flexmb.flexbody.arrays import Array
 from flexmb.model import Model
-from flexmb.model.body import BodySpec
 from flexmb.model.lookup import joint_frames, marker_names, place_marker
 from flexmb.model.markers import PlacedMarker
 from flexmb.model.reading import GROUND, split_reference
+from flexmb.model.scenes.conversion import reduced_scene
 from flexmb.results import Pose, Result
 
 _GROUND_POSE = Pose(np.zeros(3), np.eye(3), np.zeros(0))
@@ -94,7 +94,8 @@ class Mechanism:
             raise ViewError(f"{result.path}: the result holds no rows to draw")
         self.result = result
         self.flexbodies = {name: result.flexbody(name) for name in result.flexbodies}
-        self.model = Model.from_scene_dict(_reduced(result), result.path.parent)
+        scene = reduced_scene(result.model, result.flexbodies)
+        self.model = Model.from_scene_dict(scene, result.path.parent)
         if time is None and self.model.view.time is not None:
             time = min(result.units.outward(self.model.view.time, "s"), float(result.time[-1]))
         self.time = float(result.time[-1] if time is None else time)
@@ -407,12 +408,3 @@ def _rotation_vector(R: Array) -> Array:
     sine = float(np.linalg.norm(axis))
     angle = float(np.arctan2(sine, 0.5 * (np.trace(R) - 1)))
     return np.asarray(axis * (angle / sine if sine > 1e-300 else 1.0))
-
-
-def _reduced(result: Result) -> dict[str, Any]:
-    """The scene with its flexible bodies as files next to the result, so that no mesh is needed."""
-    bodies = dict(result.model.get("bodies", {}))
-    for name, path in result.flexbodies.items():
-        fields = {key: value for key, value in bodies[name].items() if key in BodySpec.model_fields}
-        bodies[name] = {**fields, "flexbody": str(path.resolve())}
-    return {**result.model, "bodies": bodies}

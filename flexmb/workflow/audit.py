@@ -21,7 +21,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from flexmb import units
 from flexmb.errors import FlexmbError, ResultFileError, SceneError
 from flexmb.flexbody.arrays import Array
 from flexmb.model.forces.contact import ContactSpec
@@ -29,7 +28,7 @@ from flexmb.model.forces.force_characteristic import AnyStop, JointStopSpec
 from flexmb.model.plane import plane_axes
 from flexmb.model.scenes.effects import EffectsSpec, active_model
 from flexmb.progress import Progress, silent
-from flexmb.workflow.effect import FRICTION, GRAVITY, OUT_OF_PLANE, Effect
+from flexmb.workflow.effect import FRICTION, GRAVITY, OUT_OF_PLANE, Effect, percent
 from flexmb.workflow.effect_estimates import Estimates
 from flexmb.workflow.neighbours import ModelVariants
 
@@ -120,17 +119,19 @@ class Audit:
     def sentence(self) -> str:
         """The outcome in one line."""
         budget = f"the budget of {100 * self.budget:.3g} % of the peak-to-peak of every sensor"
+        open_ = _listed([one for one in self.effects if one.verdict == UNKNOWN and not one.on])
+        unknown = f"what {open_} would contribute is not known"
         if self.passed:
-            open_ = [one for one in self.effects if one.verdict == UNKNOWN and not one.on]
-            if not open_:
-                return f"what is left out stays within {budget}"
-            unknown = ", ".join(" of ".join(filter(None, (o.effect, o.body))) for o in open_)
-            return f"what {unknown} would contribute is not known; the rest stays within {budget}"
-        worst = max(self.missing, key=lambda one: one.share or 0.0)
-        what = f"{worst.effect} of {worst.body}" if worst.body else worst.effect
+            return (
+                f"{unknown + '; the rest' if open_ else 'what is left out'} stays within {budget}"
+            )
+        worst, *others = sorted(self.missing, key=lambda one: -(one.share or 0.0))
+        share = f" and contributes {percent(worst.share)}: more than {budget}"
         if worst.share is None:
-            return f"{what} is left out: {worst.indicator} of the deformation that the mesh has"
-        return f"{what} is left out and contributes {percent(worst.share)}: more than {budget}"
+            share = f": {worst.indicator} of the deformation that the mesh has"
+        also = f"so {'are' if others[1:] else 'is'} {_listed(others)}" if others else ""
+        parts = f"{_listed([worst])} is left out{share}", also, unknown if open_ else ""
+        return "; ".join(filter(None, parts))
 
     def text(self) -> str:
         """As JSON, for the result file."""
@@ -144,6 +145,12 @@ class Audit:
         return cls(**{**data, "effects": effects, "notes": tuple(data["notes"])})
 
 
+def _listed(effects: Sequence[EffectOutcome], most: int = 4) -> str:
+    names = [f"{one.effect} of {one.body}" if one.body else one.effect for one in effects]
+    more = f" and {len(names) - most} more" if names[most:] else ""
+    return ", ".join(names[:most]) + more
+
+
 def _row(one: EffectOutcome) -> tuple[str, ...]:
     return (
         one.effect, one.body, "on" if one.on else "off", one.indicator,
@@ -151,12 +158,6 @@ def _row(one: EffectOutcome) -> tuple[str, ...]:
         "" if one.cost is None else f"x {one.cost:.2f}",
         one.verdict if not one.why else f"{one.verdict}: {one.why}",
     )  # fmt: skip
-
-
-def percent(share: float | None) -> str:
-    if share is None or share > 10.0:
-        return "" if share is None else "unbounded"
-    return units.percent(share)
 
 
 def audit(

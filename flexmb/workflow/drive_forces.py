@@ -18,6 +18,7 @@ import numpy as np
 
 from flexmb.errors import FlexmbWarning, OutputError, Problem, SceneError, SolverError, nearest
 from flexmb.folders import output_folder, writable_folder
+from flexmb.model.flexible_body import FlexibleBodySpec
 from flexmb.progress import Progress, silent
 from flexmb.workflow.flexible_bodies import flexible_bodies
 
@@ -130,11 +131,12 @@ def inverse_scene(
     """
     from flexmb.model import load_scene
     from flexmb.results import Result
-    from flexmb.workflow.run_report import RunReport, draw_run
+    from flexmb.workflow.run_report import RunReport, answers_of_another, draw_run
     from flexmb.workflow.simulate import run_model
 
     model = load_scene(Path(path), dict(overrides or {}))
     folder = _folder_beside_run(Path(path)) if output is None else Path(output)
+    others: list[str] = []
     if along is None:
         if drives:
             what = "a drive without a function needs a motion: give a run of it (along)"
@@ -143,13 +145,17 @@ def inverse_scene(
             outputs = {} if model.dynamics.outputs is None else {"outputs": model.dynamics.outputs}
             duration = model.units.outward(model.dynamics.duration, "s")
             model.set_kinematics(duration=duration, **outputs)
+            if model.checks and _deforms(model):
+                others = [answers_of_another(model, "undeformed bodies")]
+                model.checks.clear()
         if model.kinematics is None:
             what = "is missing: say how long the drivers move it, or name a run to go along"
             raise SceneError.from_problems([Problem("kinematics.duration", what)])
         report = run_model(
             model, folder, analysis="kinematics", pictures=pictures, progress=progress
         )
-        return replace(report, tables=(*report.tables, drive_table(Result(report.result))))
+        tables = (*report.tables, drive_table(Result(report.result)))
+        return replace(report, notes=[*report.notes, *others], tables=tables)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always", FlexmbWarning)
         run = inverse_dynamics(model, along, drives=drives, output=folder, progress=progress)
@@ -159,6 +165,12 @@ def inverse_scene(
         folder, run.path, run.flexbodies, *drawn, dict(run.statistics), notes,
         resumable=False, tables=(drive_table(run),),
     )  # fmt: skip
+
+
+def _deforms(model: Model) -> bool:
+    """Whether a body of the scene deforms, which kinematics leaves out."""
+    specs = [one for one in model.bodies.values() if isinstance(one, FlexibleBodySpec)]
+    return any(spec.deformation != "rigid" for spec in specs)
 
 
 def _folder_beside_run(scene: Path) -> Path:

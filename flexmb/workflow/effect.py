@@ -10,6 +10,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
+from flexmb import units
 from flexmb.model.mesh_body import MeshBodySpec
 
 if TYPE_CHECKING:
@@ -137,3 +138,10 @@ def _couplings(
         yield Effect(f"full {COUPLING}", name, False, turning, {"inertia_coupling": "full"})
     elif not constant:
         yield Effect(f"full {COUPLING}", name, True, turning, {"inertia_coupling": "partial"})
+
+
+def percent(share: float | None) -> str:
+    """A contribution as a text; empty where there is none."""
+    if share is None or share > 10.0:
+        return "" if share is None else "unbounded"
+    return units.percent(share)

@@ -48,6 +48,10 @@ names of the channels, and the cost of the effect."""
 # as little as 1/40 of a change.
 _MIN_ROWS, _THINNING = 800, 8
 _NO_CHANGE = 1e-7
+# Coefficients that turn with a body are steps from row to row: they excite vibrations near a whole
+# number of half periods per row. Changes above the first number (share) of runs with rotations
+# above the second one [rad] are estimated with more rows too, and the smaller counts.
+_DOUBTFUL, _TURN = 0.01, 6.0
 
 
 @dataclass
@@ -70,6 +74,21 @@ class Estimates:
         FlexmbError
             The neighbour cannot be made or run.
         """
+        made, cost = self._estimate(effect)
+        large = max((one.share for one in made), default=0.0) > _DOUBTFUL
+        turning = effect.name not in (DEFORMATION, VIBRATION) and self.of.turns > _TURN
+        if large and turning and (finer := self._finer) is not None:
+            with suppress(FlexmbError):
+                pairs = zip(made, finer._estimate(effect)[0], strict=True)
+                made = [min(pair, key=lambda one: one.share) for pair in pairs]
+        return made, cost
+
+    @cached_property
+    def _finer(self) -> Estimates | None:
+        """Estimates with more rows."""
+        return None if self.of.finer is None else Estimates(self.of.finer)
+
+    def _estimate(self, effect: Effect) -> tuple[list[Contribution], float | None]:
         from flexmb.analysis.effects.contribution import shared
 
         alike, cost, made = self._alike(effect), self._change(effect)[3], self._alone(effect)
@@ -88,9 +107,10 @@ class Estimates:
 
     def _alone(self, *effects: Effect, together: Array | None = None) -> list[Contribution]:
         """Contributions of one effect, or of several of one kind that are switched together."""
-        from flexmb.analysis.effects.contribution import contributions
+        from flexmb.analysis.effects.contribution import contributions, round_off
 
-        made = contributions(self.of.model, *self._change(*effects)[:3], together)
+        least = round_off(self.of.compiled, self.of.motion)
+        made = contributions(self.of.model, *self._change(*effects)[:3], together, least)
         rough = self._unsettled_of[effects[0].name, *(one.body for one in effects)]
         return [replace(one, unsettled=one.sensor in rough) for one in made]
 

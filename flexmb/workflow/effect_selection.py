@@ -23,8 +23,17 @@ from flexmb.errors import FlexmbError
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.scenes.effects import with_words
 from flexmb.progress import Progress, silent
-from flexmb.workflow.audit import Audit, EffectOutcome, audit, audit_until, percent
-from flexmb.workflow.effect import BOTH, COUPLING, DEFORMATION, MODES, STATIC, STIFFENING, VIBRATION
+from flexmb.workflow.audit import Audit, EffectOutcome, audit, audit_until
+from flexmb.workflow.effect import (
+    BOTH,
+    COUPLING,
+    DEFORMATION,
+    MODES,
+    STATIC,
+    STIFFENING,
+    VIBRATION,
+    percent,
+)
 from flexmb.workflow.run import run_single
 from flexmb.workflow.run_report import RunReport, draw_run
 

@@ -234,6 +234,7 @@ def render_mode_shapes(
     scene = made.model.to_scene_dict(target, files)
     for section in ("check", "dynamics", "kinematics", "statics", "study", "results", "view"):
         scene.pop(section, None)
+    scene["view"] = {"outline": False}  # of bodies that follow a joint, whose slopes are large here
     layout, pictures = compiled.layout, []
     for k in modes:
         if not 1 <= k <= len(made.eigenvalues):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import copy
 import shutil
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -91,6 +91,31 @@ class ModelVariants:
         again = None if made.has_origin else partial(made._run, name="rows")
         made.motion, made.notes = resolved_motion(made.motion, compiled, model, most_rows, again)
         return made
+
+    @cached_property
+    def finer(self) -> ModelVariants | None:
+        """The same with up to four times as many rows; None if they are no more, or not run."""
+        from flexmb.analysis.effects.stored_motion import read_motion
+
+        few = len(self.motion.t) - 1
+        n = min(_REFINEMENT * few, int(_MAX_ENTRIES / self.compiled.layout.nv**2))
+        if n < 2 * few or self.has_origin or self.model.dynamics is None:
+            return None
+        model = copy.copy(self.model)
+        model.dynamics = self.model.dynamics.model_copy(update={"outputs": n})
+        try:
+            motion = read_motion(self._run(model, "finer"))
+        except FlexmbError:
+            return None
+        return replace(self, motion=motion, _runs=0, _rigid={})
+
+    @property
+    def turns(self) -> float:
+        """Largest rotation of a body over the run [rad]."""
+        t, v = self.motion.t, self.motion.v
+        columns = [body.iv + 3 for body in self.compiled.layout.bodies]
+        speeds = [np.linalg.norm(v[:, iv : iv + 3], axis=1) for iv in columns]
+        return float(max(np.trapezoid(speed, t) for speed in speeds))
 
     def rows(self) -> OutputBlock:
         """The rows as a block of outputs."""

@@ -102,8 +102,9 @@ def run_single(
         words = notes_statistic([*notes, *task.notes, *outcome.notes]) | missing
         writer.finish({**outcome.statistics, **seconds, **words}, outcome.status, outcome.message)
     notes += task.notes
+    result = Result(writer.path)
     report = report_run(
-        model, Result(writer.path), outcome, notes, pictures=pictures, progress=progress
+        model, result, outcome, notes, pictures=pictures, progress=progress, analysis=analysis
     )
     if model.mode_checks and model.source is not None:
         from flexmb.workflow.linearize import check_modes

@@ -95,8 +95,12 @@ def report_run(
     *,
     pictures: bool,
     progress: Progress,
+    analysis: str = "dynamics",
 ) -> RunReport:
     """Draw a run and compare it with the known answers of its scene.
+
+    An analysis that the scene has no section of, such as the equilibrium of a scene with
+    ``[dynamics]``, has other answers than those of its sensors.
 
     Raises
     ------
@@ -116,7 +120,11 @@ def report_run(
         sentences = [f"{outcome.message}; {rows}", *causes]
         raise SolverError("\n".join(sentences))
     bodies = {check.body: load(run.flexbodies[check.body]) for check in model.frequency_checks}
-    checks = [*check_sensors(model, run), *check_frequencies(model, bodies)]
+    checks = check_frequencies(model, bodies)
+    if getattr(model, analysis) is not None:
+        checks = [*check_sensors(model, run), *checks]
+    elif model.checks:
+        notes.append(answers_of_another(model, "an equilibrium"))
     return RunReport(
         run.path.parent,
         run.path,
@@ -169,6 +177,13 @@ def check_sensors(model: Model, run: Result) -> list[CheckOutcome]:
             CheckOutcome(check.sensor, time, value, expected, tolerance, check.source, doubt)
         )
     return outcomes
+
+
+def answers_of_another(model: Model, analysis: str) -> str:
+    """The note that the known answers of sensors do not belong to an analysis."""
+    count = len(model.checks)
+    what = "known answer" if count == 1 else "known answers"
+    return f"{count} {what} of sensors in the scene not compared: of its motion, not of {analysis}"
 
 
 def value_at(time: float, t: Array, x: Array) -> tuple[float, float]:

@@ -95,6 +95,29 @@ def test_a_plane_that_joints_hold_leaves_out_nothing(tmp_path):
     assert one.share < 1e-9 and made.passed
 
 
+def scotch_yoke():
+    """A crank pin in the slot of a yoke; in space the pin and the guide both hold it along z."""
+    model = Model("Scotch yoke", plane="xy")
+    model.add_body("crank", mass=0.5, inertia=[1e-3, 1e-3, 1e-3])
+    model.add_marker("crank.pin", position=[0.05, 0, 0])
+    model.add_body("yoke", mass=0.6, inertia=[1e-4, 1e-4, 1e-4], position=[0.05, 0, 0])
+    model.add_joint("bearing", "revolute", between=["ground", "crank"], axis="z")
+    model.add_joint("slot", "in-line", between=["yoke", "crank.pin"], axis="y")
+    model.add_joint("guide", "prismatic", between=["ground", "yoke"], axis="x")
+    model.add_driver("motor", joint="bearing", angle="60*t")
+    model.add_force("load", "force", at="yoke", value=[-200, 0, 0])
+    model.add_sensor("guide", "reaction", joint="guide")
+    model.add_sensor("torque", "reaction", driver="motor", quantity="moment")
+    model.set_dynamics(duration=0.2, outputs=100, accuracy=1e-5)
+    return model
+
+
+def test_reactions_that_space_leaves_open_are_not_changed_by_the_plane(tmp_path):
+    """The guide does not carry the load: its reaction is round-off in the plane and in space."""
+    _, made, one = audited(scotch_yoke(), "motion out of the plane", tmp_path)
+    assert one.share < 1e-9 and made.passed
+
+
 def test_what_a_plane_leaves_out(tmp_path):
     """On a ball joint nothing holds it: against the same scene in space."""
     _, made, one = audited(tilted("spherical"), "motion out of the plane", tmp_path / "plane")

@@ -361,3 +361,23 @@ def test_a_stiffness_below_any_round_off_is_a_rigid_motion():
     none = np.zeros((2, 2))
     made = eigenmodes(np.eye(2), none, np.diag([18.6, 1e-280]), np.zeros(2, bool))
     np.testing.assert_allclose(made.values, [0.0, 1j * np.sqrt(18.6)], atol=0.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("damping", [0.0, 0.02])
+def test_a_free_body_has_rigid_motions_beside_stiff_modes(damping):
+    """Six of a bar in free flight with a rigid body on it; those of 1e-5 Hz were of round-off."""
+    made = Model("a craft with a boom")
+    bar = reduce(line(8, (0, 0, 0), (2, 0, 0)), material="aluminium", modes=6,
+                 sections={"all": rectangle(0.01, 0.02)},
+                 interfaces={"root": "root", "tip": "tip"})  # fmt: skip
+    made.add_body("boom", bar, position=[0.3, 0, 0], damping=damping)
+    made.add_body("bus", mass=100.0, inertia=[8.0, 10.0, 12.0])
+    made.add_marker("bus.side", position=[0.3, 0, 0])
+    made.add_joint("root", "fixed", between=["bus.side", "boom.root"])
+    modes = flexmb.linearize(made)
+    assert modes.stable
+    assert (modes.eigenvalues == 0.0).sum() == 6
+    assert modes.eigenvalues.imag[6] > 1.0
+    assert np.linalg.matrix_rank(modes.shapes[:, :6], tol=1e-6) == 6
+    lag = modes.damping_ratios[6:]
+    assert np.all(lag > 0.9 * damping) if damping else np.all(lag == 0.0)

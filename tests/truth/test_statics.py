@@ -5,6 +5,8 @@ A kilometre away, in micrometres, in a plane, with redundant joints, from far gu
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from femeshes import line
@@ -327,3 +329,14 @@ def test_a_hub_that_is_free_to_turn_with_its_blade_has_one_family_of_equilibria(
     (one,) = flexmb.equilibria(project / "cases" / "hub_beam" / "scene.toml")
     assert one.neutral_motions == 1
     assert one.linearize().eigenvalues[0] == 0.0
+
+
+def test_a_ball_at_rest_stays_so_at_any_time():
+    """Nothing is to be done, and the free rolling has no stiffness: no step is to be refused."""
+    made = flexmb.load_scene(Path(__file__).parents[2] / "cases/bowling_ball/scene.toml")
+    sweep = flexmb.sweep_statics(made, "time", [0.0, 1.0, 2.0])
+    assert sweep.events == ()
+    assert len(sweep.points) == 3
+    sunk = (7.0 * 9.80665 / 1e9) ** (2 / 3)
+    for point in sweep.points:
+        assert point.q[2] == pytest.approx(0.108 - sunk, abs=1e-14)

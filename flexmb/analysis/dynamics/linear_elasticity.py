@@ -12,7 +12,7 @@ too low by the share 0.6 (Ω/ω₁)².
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -48,6 +48,7 @@ LEAST_SPEED = (LARGEST_SOFTENING / _SOFTENING) ** 0.5
 _MAX_POINTS = 64  # largest number of points of a body that are monitored
 _MIN_AMPLITUDE = 0.05  # amplitude of a mode over the largest one, if the motion contains it
 _ZERO_FREQUENCY = 1e-5  # frequency over the highest one below which a motion is free
+_MOST_NAMES = 3  # named in a sentence
 _CLAMPS = ("fixed", "prismatic")  # joints that constrain all rotations
 
 
@@ -264,17 +265,28 @@ def loads_without_response(compiled: Compiled, model: Model) -> Iterator[str]:
 
 
 def loads_without_stiffening(compiled: Compiled, model: Model) -> Iterator[str]:
-    """A sentence on each joint and force that acts outside the interfaces of a stiffened body."""
-    stiffened = [
-        name for name, body in compiled.flexbodies.items()
-        if body.m and body.centrifugal_stiffness is not None
-    ]  # fmt: skip
-    for where, owner, marker in loads_beside_interfaces(model) if stiffened else ():
-        if owner in stiffened:
+    """A sentence on each stiffened body with joints and forces that act outside its interfaces."""
+    for name, body in compiled.flexbodies.items():
+        if not body.m or body.centrifugal_stiffness is None:
+            continue
+        beside = [one for one in loads_beside_interfaces(model) if one[1] == name]
+        loads, markers = (list(dict.fromkeys(one[k] for one in beside)) for k in (0, 2))
+        whose = "its force does" if len(loads) == 1 else "their forces do"
+        what, cure = "is no interface", "it one"
+        if len(markers) > 1:
+            what, cure = "are no interfaces", "them interfaces"
+        if beside:
             yield (
-                f"{where}: its force does not stiffen bodies.{owner}, because {marker} is no "
-                "interface of it; make it one"
+                f"{_some(loads)}: {whose} not stiffen bodies.{name}, because {_some(markers)} "
+                f"{what} of it; make {cure}"
             )
+
+
+def _some(names: Sequence[str]) -> str:
+    """The first names, and how many more."""
+    most = _MOST_NAMES if len(names) > _MOST_NAMES + 1 else len(names)
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more
 
 
 def joined_interfaces(body: FlexBody, name: str, model: Model) -> dict[str, bool]:

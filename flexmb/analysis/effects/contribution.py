@@ -42,6 +42,8 @@ from flexmb.model.scenes.effects import active_model
 from flexmb.model.sensor import channels_of
 
 _STANDSTILL = 1e-7  # range of a sensor over the largest of its unit that is round-off
+_ROUND_OFF = 1e-13  # of places over the model, of rates over the largest
+_FORCE_ROUND_OFF = 1e-9  # of reactions over the largest
 _AT_REST_SHARE = 1e-3  # range in the run over that with the change of a sensor at rest
 _SYMMETRY = 0.2  # change by all bodies over that by one, below which the changes cancel
 _TIMED_EVALUATIONS = 50  # evaluations of the equations to measure their time
@@ -112,9 +114,22 @@ def smaller_change(change: Array, other: Array) -> Array:
     return np.where(np.less(*sizes), change, other)
 
 
+def round_off(compiled: Compiled, motion: Motion) -> dict[str, float]:
+    """Range by unit (SI) below which a channel of a motion is round-off, whatever others show."""
+    length, system = compiled.length, compiled.system
+    rigid = [body.iv + k for body in compiled.layout.bodies for k in range(6)]
+    v, vd = (np.abs(x[:, rigid] * system.weights[rigid]).max() for x in (motion.v, motion.vd))
+    moments = np.abs(motion.lam).max(axis=0, initial=0.0) / system.row_weights
+    moment = float(moments.max(initial=0.0))
+    turns = {"rad": 1.0, "rad/s": float(v), "rad/s^2": float(vd)}
+    places = {unit.replace("rad", "m"): length * size for unit, size in turns.items()}
+    least = {unit: _ROUND_OFF * size for unit, size in {**turns, **places}.items()}
+    return {**least, "N m": _FORCE_ROUND_OFF * moment, "N": _FORCE_ROUND_OFF * moment / length}
+
+
 def contributions(
     model: Model, histories: tuple[Array, ...], change: Array, names: tuple[str, ...],
-    together: Array | None = None,
+    together: Array | None = None, least: Mapping[str, float] | None = None,
 ) -> list[Contribution]:  # fmt: skip
     """The largest change of each sensor; zero for a sensor at rest in all histories.
 
@@ -131,6 +146,8 @@ def contributions(
         Names of the channels.
     together : (n, k) array, optional
         Change by the same effect of all bodies, which shows what is at rest by symmetry.
+    least : mapping of str to float, optional
+        From `round_off`: ranges by unit that are no motion.
     """
     sizes: dict[str, tuple[str, float, float]] = {}
     symmetric: set[str] = set()
@@ -150,7 +167,7 @@ def contributions(
         largest[unit] = max(largest.get(unit, 0.0), float(size))
     result = []
     for name, (unit, size, value) in sizes.items():
-        moves = size > _STANDSTILL * largest[unit]
+        moves = size > max(_STANDSTILL * largest[unit], (least or {}).get(unit, 0.0))
         share = min(value / size, _MAX_SHARE) if moves else 0.0
         at_rest = bool(rests[name] <= _AT_REST_SHARE * size)
         still = at_rest and name in symmetric
@@ -231,6 +248,8 @@ def estimate(
         mass the derivatives of their velocities as accelerations.
     """
     carried, balance = carry_motion(motion, own, other, shapes)
+    if own.layout.rows != other.layout.rows:  # a plane has no redundant reactions
+        carried = carried.with_least_reactions(other)
     for body in other.layout.bodies:
         if body.name in inertia:
             balance[:, body.iv + 6 : body.iv + 6 + body.m] = 0.0

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from flexmb.analysis.assembly.jacobian import ConstraintRows, column_scales, numerical_rank
 from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.engine.allocation import new_state
 from flexmb.engine.bodies.static_modes import static_coordinates
@@ -107,6 +108,18 @@ class Motion:
             equations.update_history(is_first=False)
             rows[k, speeds] = equations.state.history[speeds]
         return replace(self, history=rows)
+
+    def with_least_reactions(self, compiled: Compiled) -> Motion:
+        """The motion with the least reactions of redundant joints that carry the same loads."""
+        rows, scale = ConstraintRows(compiled), compiled.system.row_weights
+        sizes, lam = column_scales(compiled), self.lam.copy()
+        for k, q in enumerate(self.q):
+            U, values, _ = np.linalg.svd(scale[:, None] * rows.evaluate(q).Cq * sizes)
+            rank = numerical_rank(values)
+            if rank == len(scale):
+                return self
+            lam[k] = scale * (U[:, :rank] @ (U[:, :rank].T @ (lam[k] / scale)))
+        return replace(self, lam=lam)
 
     def with_channels(self, compiled: Compiled) -> Motion:
         """The motion with the channels that a model has along it."""

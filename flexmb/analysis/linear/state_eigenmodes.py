@@ -1,10 +1,12 @@
 """Modes of M ÿ + D ẏ + K y = 0, damped and gyroscopic: eigenvalues λ and shapes φ, y = φ e^{λt}.
 
 Without D, and with K symmetric, ω² are the eigenvalues of the pair (K, M); else λ are those of the
-first-order equations. Two measures keep the accuracy of soft motions beside stiff modes:
+first-order equations. Three measures keep the accuracy of soft motions beside stiff modes:
 coordinates are in order of stiffness, so that a Cholesky factor of M does not carry stiffness into
-soft ones; and low frequencies come from the inverse problem. A λ below the round-off of K is set to
-zero: a rigid motion.
+soft ones; low frequencies come from the inverse problem; and of ω² below the round-off of the
+largest the shapes are freed from what stiff modes left in them. What is then below the bound of
+Kato and Temple, |Ky − ω²y|² over the distance to the next ω², or below the round-off of K, is zero:
+a rigid motion. It takes no part in the first-order equations, where neither D nor K resists it.
 
 Whirl: modes of a motion written in rotating axes, as the ground sees them. In axes that rotate with
 n about z a point moves by x + iy = p e^{iωt} + b* e^{−iωt}, with p = (φx + iφy)/2 and
@@ -32,6 +34,8 @@ Complex = NDArray[np.complex128]
 
 _ASYMMETRY = 1e-9  # A − Aᵀ that is round-off, over the largest element
 _WIDE_SPECTRUM = 1e6  # ratio of ω² above which the lower half comes from the inverse problem
+_UNRESOLVED = 1e-12  # ω² over the largest one below which the eigenvalue problem does not know it
+_RESIDUAL_SAFETY = 10.0  # on the bound of Kato and Temple
 _UNDERFLOW = 1e-40  # ω² over the largest one that only products of round-off make
 _ROUND_OFF = 1e-13  # relative round-off of a Rayleigh quotient, over the sum of its terms
 _NEGLIGIBLE = 1e-14  # relative size of damping terms that are round-off
@@ -80,9 +84,15 @@ def eigenmodes(
             "the mass matrix of the free motions is not positive definite: a motion has no inertia"
         ) from None
     Ms, Ds, Ks = half @ M @ half.T, half @ D @ half.T, half @ K @ half.T
-    conservative = not states.any() and _is_small(D, K, M) and _is_symmetric(Ks)
-    if conservative and _is_symmetric(Ms):
+    symmetric = not states.any() and _is_symmetric(Ks) and _is_symmetric(Ms)
+    if symmetric and _is_small(D, K, M):
         values, shapes = _undamped(Ks)
+    elif symmetric and (rigid := _unresisted(Ds, Ks)).shape[1]:
+        rest = np.linalg.qr(rigid, mode="complete").Q[:, rigid.shape[1] :]
+        inner = [rest.T @ each @ rest for each in (Ms, Ds, Ks)]
+        values, shapes = _damped(inner[0], inner[1], inner[2], np.zeros(rest.shape[1], bool))
+        values = np.concatenate([np.zeros(rigid.shape[1]), values])
+        shapes = np.hstack([rigid, rest @ shapes])
     else:
         values, shapes = _damped(Ms, Ds, Ks, states[order])
     shapes = half.T @ shapes
@@ -106,8 +116,7 @@ def _is_small(D: Array, K: Array, M: Array) -> bool:
 def _undamped(K: Array) -> tuple[Complex, Complex]:
     """λ = √(−ω²) and shapes of K y = ω² y, K symmetric (n, n)."""
     K = 0.5 * (K + K.T)
-    squares, shapes = np.linalg.eigh(K)
-    squares[np.abs(squares) <= _ROUND_OFF**2 * np.abs(squares).max()] = 0.0
+    squares, shapes = _squares(K)
     if squares[0] > 0.0 and squares[-1] > _WIDE_SPECTRUM * squares[0]:
         with suppress(np.linalg.LinAlgError):  # the least square is round-off: a rigid motion
             half = np.linalg.inv(np.linalg.cholesky(K))  # K⁻¹ = halfᵀ half
@@ -115,6 +124,32 @@ def _undamped(K: Array) -> tuple[Complex, Complex]:
             below = squares < np.sqrt(squares[0] * squares[-1])
             squares[below], shapes[:, below] = 1.0 / inverse[::-1][below], low[:, ::-1][:, below]
     return np.sqrt(-squares + 0j), shapes.astype(complex)
+
+
+def _squares(K: Array) -> tuple[Array, Array]:
+    """ω² (n,) and shapes (n, n) of K y = ω² y, K symmetric; those of rigid motions are zero."""
+    squares, shapes = np.linalg.eigh(K)
+    soft = np.abs(squares) <= _UNRESOLVED * np.abs(squares).max()
+    if soft.any() and not soft.all():
+        low, stiff, above = shapes[:, soft], shapes[:, ~soft], squares[~soft]
+        for _ in range(2):
+            low = np.linalg.qr(low - stiff @ ((stiff.T @ K @ low) / above[:, None])).Q
+        values, turn = np.linalg.eigh(low.T @ K @ low)
+        low = low @ turn
+        residual = np.linalg.norm(K @ low - values * low, axis=0)
+        limit = _RESIDUAL_SAFETY * residual**2 / np.abs(above).min()
+        limit += _ROUND_OFF * np.einsum("ik,ik->k", np.abs(low), np.abs(K) @ np.abs(low))
+        squares[soft], shapes[:, soft] = np.where(np.abs(values) <= limit, 0.0, values), low
+    squares[np.abs(squares) <= _ROUND_OFF**2 * np.abs(squares).max()] = 0.0
+    return squares, shapes
+
+
+def _unresisted(D: Array, K: Array) -> Array:
+    """(n, k) rigid motions that damping does not resist either."""
+    squares, shapes = _squares(0.5 * (K + K.T))
+    rigid = shapes[:, squares == 0.0]
+    resistance = max(np.abs(D @ rigid).max(initial=0.0), np.abs(rigid.T @ D).max(initial=0.0))
+    return rigid if resistance <= _ROUND_OFF * np.abs(D).max() else rigid[:, :0]
 
 
 def _damped(M: Array, D: Array, K: Array, states: NDArray[np.bool_]) -> tuple[Complex, Complex]:

@@ -265,6 +265,20 @@ def scene_dict(model: ModelData, folder: str | Path | None, flexbodies: Files) -
     return {key: value for key, value in scene.items() if value or key == "title"}
 
 
+def reduced_scene(scene: Mapping[str, Any], flexbodies: Mapping[str, Path]) -> dict[str, Any]:
+    """A scene with its flexible bodies from these files, so that no mesh is needed.
+
+    A part by itself needs one, and is left out with its known answers.
+    """
+    bodies = dict(scene.get("bodies", {}))
+    for name, path in flexbodies.items():
+        fields = {key: value for key, value in bodies[name].items() if key in BodySpec.model_fields}
+        bodies[name] = {**fields, "flexbody": str(path.resolve())}
+    checks = [check for check in scene.get("check", []) if "part" not in check]
+    rest = {key: value for key, value in scene.items() if key != "part"}
+    return {**rest, "bodies": bodies, "check": checks}
+
+
 def _gravity(model: ModelData) -> Any:
     if model.gravity is None:
         return "none"

@@ -156,6 +156,19 @@ def test_a_force_beside_the_interfaces_is_told_not_to_stiffen():
     assert told.startswith("forces.inside: its force does not stiffen bodies.beam, because")
 
 
+def test_many_forces_beside_the_interfaces_are_told_in_one_sentence():
+    model = beam(stiffening="full")
+    model.add_joint("clamp", "fixed", between=["ground", "beam.root"])
+    for k in range(2, 9):
+        model.add_marker(f"beam.p{k}", node=k)
+        model.add_force(f"w{k}", "force", at=f"beam.p{k}", value=[0, 1, 0])
+    (sentence,) = loads_without_stiffening(compile_system(model), model)
+    assert sentence == (
+        "forces.w2, forces.w3, forces.w4 and 4 more: their forces do not stiffen bodies.beam, "
+        "because beam.p2, beam.p3, beam.p4 and 4 more are no interfaces of it; make them interfaces"
+    )
+
+
 def outcome(model, **knobs):
     return judged(model, accuracy=1e-3, verify=False, **knobs)
 
