@@ -148,18 +148,24 @@ class _Update(NamedTuple):
 
 @contextmanager
 def blas_threads(count: int = 1) -> Iterator[tuple[int, ...]]:
-    """Run with ``count`` BLAS threads; yields the numbers of threads before, which it restores.
+    """Run with ``count`` BLAS threads; yields the numbers before the first of nested limits.
 
     On matrices of a few hundred rows OpenBLAS threads wait for each other longer than they work: on
     a busy machine with two cores a solution with twelve right sides took 24 times as long as with
-    one thread. So all of the solver but the elimination of large fronts runs on one thread.
+    one thread, the reduction of a plate of 256 shells six times. So all of a reduction but the
+    elimination of large fronts runs on one thread.
     """
     before = tuple(library.get_num_threads() for library in _blas_libraries())
+    _nested.append(_nested[0] if _nested else before)
     set_threads((count,) * len(before))
     try:
-        yield before
+        yield _nested[0]
     finally:
         set_threads(before)
+        _nested.pop()
+
+
+_nested: list[tuple[int, ...]] = []  # limits that are in force: the numbers before the first
 
 
 class Multifrontal:

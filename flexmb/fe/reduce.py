@@ -47,6 +47,7 @@ from flexmb.fe.model_checks import (
     nominal_mass,
     point_mass,
 )
+from flexmb.fe.multifrontal import blas_threads
 from flexmb.fe.recovery import with_recovery
 from flexmb.fe.reduction.eigenmodes import SymmetryPlane, make_symmetry_plane
 from flexmb.fe.reduction.geometric_stiffening import require_stresses, with_geometric_stiffening
@@ -86,6 +87,7 @@ from flexmb.units import unit_system
 Words = Mapping[str, Mapping[str, Any]]
 
 
+@blas_threads()
 def reduce(
     mesh: MeshLike | SkfemMesh | CellBasis,
     *,

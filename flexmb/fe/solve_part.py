@@ -21,6 +21,7 @@ from flexmb.fe.assembly.supports import Supports, make_supports
 from flexmb.fe.mesh_checks import Finding
 from flexmb.fe.meshes.mesh_shapes import MeshLike
 from flexmb.fe.model_checks import check_releases, mass_sentence, point_mass
+from flexmb.fe.multifrontal import blas_threads
 from flexmb.fe.reduce import prepare_model
 from flexmb.fe.reduction.methods import model_provenance
 from flexmb.fe.sections.section_tables import MaterialLike, sections_from
@@ -43,6 +44,7 @@ from flexmb.units import say_length, say_place, unit_system
 Words = Mapping[str, Mapping[str, Any]]
 
 
+@blas_threads()
 def part(
     mesh: MeshLike,
     *,

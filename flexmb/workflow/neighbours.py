@@ -104,7 +104,7 @@ class ModelVariants:
         model = copy.copy(self.model)
         model.dynamics = self.model.dynamics.model_copy(update={"outputs": n})
         try:
-            motion = read_motion(self._run(model, "finer"))
+            motion = read_motion(self._run(model, "finer"), self.compiled)
         except FlexmbError:
             return None
         return replace(self, motion=motion, _runs=0, _rigid={})
