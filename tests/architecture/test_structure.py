@@ -14,7 +14,7 @@ from tests.benchmarks import structure
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
     "files": 393,
-    "lines": 104_400,
+    "lines": 104_800,
     "participles": 30,
     "base names of three and more files": 0,
     _ALL: 0,
@@ -30,7 +30,7 @@ FIGURES = {
 }
 # The aims are 50 000 lines and 120 files; these are held on the way. 168 run with compiled units
 # at hand: a module holds one concept, under its name.
-FILES_OF_MAIN_JOB = 168
+FILES_OF_MAIN_JOB = 169
 
 
 def files_with_all() -> list[str]:

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from accuracyscenes.judging import judged
-from accuracyscenes.scene import beside_a_large_motion, moved
+from accuracyscenes import AWAY, SCENES, beside_a_large_motion, far_apart, moved, truth_of
+from accuracyscenes.judging import METHODS, judged
 from scipy.spatial.transform import Rotation
 
 from flexmb.model import Model
@@ -35,8 +35,10 @@ def train():
 
 
 def shuttle():
-    """1 km away a carriage goes to and fro; the difference of two positions is seen."""
+    """1 km from a mast a carriage goes to and fro; the difference of two positions is seen."""
     made = Model("shuttle")
+    made.add_body("mast", mass=1, inertia=[1, 1, 1])
+    made.add_joint("foot", "fixed", between=["ground", "mast"])
     made.add_marker("ground.there", position=[1000, 0, 0])
     made.add_body("carriage", mass=1, inertia=[1, 1, 1], position=[1000, 0, 0])
     made.add_joint("rail", "prismatic", between=["ground.there", "carriage"], axis="x")
@@ -113,3 +115,34 @@ def test_what_rests_takes_few_steps(method, place):
     assert not found.message
     assert found.steps < 120
     assert not found.notes
+
+
+@pytest.mark.parametrize("method", ["auto", "order 5", "radau"])
+def test_round_off_of_a_far_place_is_part_of_the_error(method):
+    """1 µm at the far end of a model of 1 km: no steps lessen what the place leaves."""
+    scene = SCENES["swing of 1 µm at 1 m"]
+    knobs = {"duration": scene.duration, "outputs": scene.outputs, **METHODS[method]}
+    shares = []
+    for accuracy in (1e-7, 1e-8):  # of a walk at random no single one tells
+        knobs["accuracy"] = accuracy
+        found = judged(far_apart(scene.make(1.0)), lambda t: truth_of(scene, t, away=AWAY), **knobs)
+        assert found.achieved > 1e-7  # an ulp there is a ten-millionth of the swing
+        shares.append(found.share)
+    assert 1 / 3 <= np.sqrt(np.prod(shares)) <= 3
+    (sentence,) = [note for note in found.notes if "was asked for" in note]
+    assert "the floor that round-off leaves" in sentence
+
+
+@pytest.mark.parametrize("method", ["auto", "order 5", "radau"])
+def test_a_small_motion_a_kilometre_away_is_known_but_for_its_values(method):
+    """1 µm, 1 km from the origin: half a unit in the last place of the sensor is the error."""
+    scene = SCENES["swing of 1 µm at 1 m"]
+    knobs = {"duration": scene.duration, "outputs": scene.outputs, **METHODS[method]}
+    found = judged(
+        moved(scene.make(1.0)), lambda t: truth_of(scene, t, away=AWAY), accuracy=1e-8, **knobs
+    )
+    last_place = 0.5 * np.spacing(np.linalg.norm(AWAY)) / 2e-6
+    assert found.achieved <= 2.0 * last_place
+    assert 1 / 3 <= found.told / last_place <= 3
+    (sentence,) = [note for note in found.notes if "was asked for" in note]
+    assert "relative_to = a marker on ground near the model" in sentence

@@ -201,6 +201,19 @@ def test_rows_at_the_turns_of_a_swing_are_compared_with_what_moves_between_them(
     assert result.statistics["energy_balance_error"] < 2e-5
 
 
+def test_gravity_energy_is_that_of_the_height_over_the_origin():
+    """m g h of a ball that falls from 2 km, beside nothing else."""
+    made = Model("fall", gravity=[0, 0, -9.81])
+    made.add_body("ball", mass=2.0, inertia=[1, 1, 1], position=[300.0, 0, 2000.0])
+    made.add_sensor("height", "position", of="ball")
+    made.add_sensor("weight", "energy", quantity="gravity")
+    found = run(made, duration=2.0, outputs=4)
+    height = 2000.0 - 0.5 * 9.81 * found.t**2
+    np.testing.assert_allclose(found["height.z"], height, rtol=1e-12)
+    np.testing.assert_allclose(found.q[:, 2], height, rtol=1e-12)
+    np.testing.assert_allclose(found["weight"], 2.0 * 9.81 * height, rtol=1e-12)
+
+
 def test_what_rests_a_kilometre_away_has_no_energy_to_lose():
     """Round-off of places moves a bob on a stiff bushing, by 1e-21 J: no share of that is said."""
     place = [1000.0, -300.0, 500.0]

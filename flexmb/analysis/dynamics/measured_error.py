@@ -232,7 +232,8 @@ class MeasuredError:
         if key in self._cache:
             return self._cache[key]
         errors, walk, comparison = *self._errors(ratio, steps, limited), self.comparison
-        damped, of_values = comparison.shares(table[0]), comparison.shares(self._of_values)
+        damped = comparison.shares(table[0])
+        of_values = comparison.shares(self._of_values)
         times = np.where(damped > errors, table[1], self._largest[1])
         begin = np.where(damped > errors, table[2], -math.inf)
         errors = np.maximum(errors, damped)
