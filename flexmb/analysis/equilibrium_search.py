@@ -62,7 +62,7 @@ class Equilibrium:
     ----------
     state : State
         Positions and multipliers λ; v and v̇ are zero, or those of a steady rotation. SI. Positions
-        are relative to the origin of the equations (`Layout.origin`); those of `q` are global.
+        are those of the equations (see `Layout`); those of `q` are of the frames, global.
     steps : int
         Number of steps of the solver.
     """
@@ -78,7 +78,8 @@ class Equilibrium:
     @property
     def q(self) -> Array:
         """Positions (nq,), global, SI: as in a result, body after body."""
-        return self.compiled.layout.shifted(self.state.q, 1.0)
+        q: Array = self.compiled.layout.of_frames(self.state.q)[0]
+        return q
 
     @property
     def energy(self) -> float:
@@ -200,7 +201,7 @@ def find_equilibrium(
     AssemblyError
         Joints that cannot be closed; no equilibrium, with the body that keeps moving and its force.
     """
-    q = compiled.initial_q if start is None else compiled.layout.shifted(start, -1.0)
+    (q,) = (compiled.initial_q,) if start is None else compiled.layout.of_equations(start)
     begin = StartValues(q, np.zeros(compiled.layout.nv), time)
     if start is None and time == 0.0:
         first = assemble(compiled, model)

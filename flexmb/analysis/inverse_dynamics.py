@@ -128,8 +128,7 @@ def match_motion(compiled: Compiled, motion: Result) -> tuple[np.ndarray, ...]:
         bodies = width - len(mine.coordinates)
         scalars = [bodies + theirs.coordinates.index(name) for name in mine.coordinates]
         tables.append(np.ascontiguousarray(table[:, [*range(bodies), *scalars]]))
-    q, *rates = tables
-    return motion.table("time"), mine.shifted(q, -1.0), *rates
+    return motion.table("time"), *mine.of_equations(*tables)
 
 
 def _put_row(pose: KinematicPose, rows: tuple[np.ndarray, ...], k: int) -> None:

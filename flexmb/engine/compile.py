@@ -107,15 +107,15 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     if not model.bodies:
         raise SceneError("the model has no bodies")
     tables = build_tables(model, bodies)
-    length, origin = tables.length, tables.lowering.markers.origin
-    system = _system(tables, order_equations(tables))
+    length, system = tables.length, _system(tables, order_equations(tables))
+    layout = _layout(tables, system)
     curve_points = tables.lowering.groups.curve_points
     places = np.append(np.zeros(tables.before), [point.start for point in curve_points.points])
-    initial_q = np.append(initial_positions(model, tables.bodies, origin), places)
+    (initial_q,) = layout.of_equations(np.append(initial_positions(model, tables.bodies), places))
     system = of_their_parts(system, length, extents_of_parts(system, initial_q)[0])
     return Compiled(
         system,
-        _layout(tables, system),
+        layout,
         initial_q,
         length,
         bodies,
@@ -277,6 +277,7 @@ def _plane(model: Model) -> tuple[np.ndarray, np.ndarray] | None:
 def _layout(of: ModelTables, system: System) -> Layout:
     model, groups, scalars = of.lowering.model, of.lowering.groups, of.lowering.scalars
     columns = zip(model.bodies, of.bodies, strict=True)
+    points = np.array(of.lowering.markers.references)
     return Layout(
         bodies=tuple(
             BodyColumns(name, int(row["iq"]), int(row["iv"]), int(row["m"]))
@@ -292,6 +293,7 @@ def _layout(of: ModelTables, system: System) -> Layout:
         energies=ENERGIES,
         fingerprint=fingerprint(system),
         origin=tuple(of.lowering.markers.origin.tolist()),
+        references=tuple(map(tuple, points.tolist())) if points.any() else (),
     )
 
 

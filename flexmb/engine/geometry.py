@@ -97,7 +97,7 @@ def marker_frame(model: Model, marker: PlacedMarker) -> tuple[Array, Array]:
 
 
 def model_length(
-    model: Model, flexbodies: Mapping[str, FlexBody], ground: NDArray[np.float64]
+    model: Model, flexbodies: Mapping[str, FlexBody], ground: Array, references: Array
 ) -> float:
     """Size of the model [m]: extent of all markers and flexible bodies in the initial pose.
 
@@ -105,7 +105,7 @@ def model_length(
     depend on the distance of the model from the origin. The largest radius of gyration is a lower
     bound.
     """
-    points = np.concatenate([_points(model, flexbodies), ground])
+    points = np.concatenate([_points(model, flexbodies, references), ground])
     spread = float(np.linalg.norm(np.ptp(points, axis=0)))
     rigid = [spec for spec in model.bodies.values() if isinstance(spec, RigidBodySpec)]
     mass, _, inertia = mass_properties(rigid)
@@ -114,24 +114,49 @@ def model_length(
     return max([spread, float(gyration.max(initial=0.0)), *reach]) or 1.0
 
 
-def coordinate_origin(model: Model, length: float) -> Array:
-    """Origin (3,) of positions in the equations [m]: amid the bodies of a model that is far from 0.
+def reference_points(model: Model) -> Array:
+    """Points (n, 3) of bodies whose motion the equations describe, in their axes [m].
 
-    Far is more than `_FAR` times the size of the model. The components are multiples of a power of
-    two, so that positions relative to them are exact.
+    They are 0, the origins of the frames; near the centre of mass for a rigid body that is far from
+    its frame, unless a joint or driver is there.
     """
-    r = np.array([spec.position for spec in model.bodies.values()], dtype=float)
-    middle, unit = 0.5 * (r.min(axis=0) + r.max(axis=0)), 2.0 ** np.floor(np.log2(length) - 4.0)
-    if np.linalg.norm(middle) <= _FAR * length:
+    points = np.zeros((len(model.bodies), 3))
+    joined = {end for spec in (*model.joints.values(), *model.drivers.values())
+              for end in getattr(spec, "between", None) or ()}  # fmt: skip
+    for k, (name, spec) in enumerate(model.bodies.items()):
+        if isinstance(spec, RigidBodySpec) and not joined & {name, f"{name}.origin"}:
+            mass = spec.mass_properties
+            arms = np.array([*lookup.places(model, name, {})[1:]]) - mass.center
+            gyration = np.sqrt(np.trace(mass.inertia) / mass.mass) if mass.mass > 0.0 else 0.0
+            reach = max(gyration, float(np.linalg.norm(arms, axis=1).max()))
+            points[k] = _far_point(np.asarray(mass.center, dtype=float), reach)
+    return points
+
+
+def coordinate_origin(model: Model, length: float, references: Array) -> Array:
+    """Origin (3,) of positions in the equations [m]: amid the bodies of a model that is far from 0;
+    `references` (n, 3) are the points of bodies."""
+    r, A = lookup.poses(model)
+    r = r[:-1] + (A[:-1] @ references[:, :, None])[..., 0]
+    return _far_point(0.5 * (r.min(axis=0) + r.max(axis=0)), length)
+
+
+def _far_point(x: Array, size: float) -> Array:
+    """A point near x (3,), or 0 if x is not further away than `_FAR` times a size.
+
+    Its components are multiples of a power of two, so that positions relative to it are exact.
+    """
+    if not size > 0.0 or np.linalg.norm(x) <= _FAR * size:
         return np.zeros(3)
-    return np.asarray(unit * np.round(middle / unit) + 0.0)
+    unit = 2.0 ** np.floor(np.log2(size) - 4.0)
+    return np.asarray(unit * np.round(x / unit) + 0.0)
 
 
-def _points(model: Model, flexbodies: Mapping[str, FlexBody]) -> NDArray[np.float64]:
-    """Global positions (n, 3) of all markers of bodies in the initial pose."""
+def _points(model: Model, flexbodies: Mapping[str, FlexBody], references: Array) -> Array:
+    """Global positions (n, 3) of all markers of bodies in the initial pose; not of far frames."""
     points, counts = [], []
-    for body in model.bodies:
-        places = lookup.places(model, body, flexbodies)
+    for body, reference in zip(model.bodies, references, strict=True):
+        places = lookup.places(model, body, flexbodies)[1 if reference.any() else 0 :]
         points += places
         counts.append(len(places))
     r, A = lookup.poses(model)
@@ -156,12 +181,11 @@ def body_weights(
     return np.concatenate(parts)
 
 
-def initial_positions(model: Model, bodies: NDArray[np.void], origin: Array) -> Array:
-    """q of the initial, undeformed pose; positions are relative to the origin."""
+def initial_positions(model: Model, bodies: NDArray[np.void]) -> Array:
+    """q of the frames of bodies in the initial, undeformed pose."""
     q = np.zeros(int((7 + bodies["m"]).sum()))
     pose = [(*spec.position, *spec.orientation) for spec in model.bodies.values()]
     q[bodies["iq"][:, None] + np.arange(7)] = pose
-    q[bodies["iq"][:, None] + np.arange(3)] -= origin
     return q
 
 

@@ -14,7 +14,7 @@ from flexmb.engine.bodies.flexible_body import modal_block, put_flags
 from flexmb.engine.bodies.marker import MarkerTable
 from flexmb.engine.bodies.rigid_body import second_moments
 from flexmb.engine.bodies.static_mode_tables import StaticModes, tabulate_static_modes
-from flexmb.engine.geometry import Geometry, coordinate_origin, model_length
+from flexmb.engine.geometry import Geometry, coordinate_origin, model_length, reference_points
 from flexmb.engine.joints.constraint_groups import (
     Groups,
     coupled_bodies,
@@ -75,8 +75,9 @@ def build_tables(model: Model, flexbodies: Mapping[str, FlexBody]) -> ModelTable
         A joint or driver between two markers of one body, or a fault that only geometry shows.
     """
     functions = Functions(lambda expression: resolved(model, expression))
-    markers = MarkerTable(list(model.bodies), Pool())
-    bodies = body_table(model, flexbodies, markers.pool)
+    references = reference_points(model)
+    markers = MarkerTable(list(model.bodies), Pool(), references=references)
+    bodies = body_table(model, flexbodies, markers.pool, references)
     states = states_of(model)
     scalars = scalar_coordinates(model, functions, states)
     groups = joint_groups(model, flexbodies, markers, functions, scalars)
@@ -92,8 +93,8 @@ def build_tables(model: Model, flexbodies: Mapping[str, FlexBody]) -> ModelTable
     kinds = {kind.name: lowering.lower(kind) for kind in KINDS if kind.lower is not None}
     kinds["static_modes"] = _static_modes(model, flexbodies, lowering)
     kinds = {name: tables for name, tables in kinds.items() if tables is not None}
-    length = model_length(model, flexbodies, markers.on_ground())
-    markers.origin = coordinate_origin(model, length)
+    length = model_length(model, flexbodies, markers.on_ground(), references)
+    markers.origin = coordinate_origin(model, length, references)
     ivs = {s.name: nv + before - len(states) + k for k, s in enumerate(states)}
     starts = tuple(feedback.starts(states, ivs, functions))
     reading = [k.name for k in KINDS if "wrenches" in k.units and (k.name in kinds or k.core)]
@@ -115,14 +116,16 @@ def build_tables(model: Model, flexbodies: Mapping[str, FlexBody]) -> ModelTable
     )
 
 
-def body_table(model: Model, flexbodies: Mapping[str, FlexBody], pool: Pool) -> NDArray[np.void]:
-    """BODY rows in the order of the model; panels are filled in later."""
+def body_table(
+    model: Model, flexbodies: Mapping[str, FlexBody], pool: Pool, references: NDArray[np.float64]
+) -> NDArray[np.void]:
+    """BODY rows in the order of the model, about points (n, 3); panels are filled in later."""
     table = np.zeros(len(model.bodies), BODY)
     flexible = {k: flexbodies[name] for k, name in enumerate(model.bodies) if name in flexbodies}
     rigid = [k for k in range(len(table)) if k not in flexible]
     specs = [*model.bodies.values()]
     table["mass"][rigid], table["S1"][rigid], table["S0"][rigid] = second_moments(
-        [spec for spec in specs if isinstance(spec, RigidBodySpec)]
+        [spec for spec in specs if isinstance(spec, RigidBodySpec)], references[rigid]
     )
     for k, body in flexible.items():
         row, spec = table[k], specs[k]

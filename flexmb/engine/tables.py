@@ -392,9 +392,10 @@ class Layout:
     pair of a joint or driver, twelve numbers: force and moment on marker J in its axes, then force
     and moment on marker I in its axes.
 
-    The positions of bodies in the equations are relative to `origin` [m], a point near the model: a
-    model far from the origin of the ground moves as exactly as beside it. Result files hold global
-    positions.
+    The equations are about points near the model and its bodies, so that what is far from the
+    origin of the ground, or from the frame of its body, moves as exactly as near them: coordinates
+    are the position of the reference point of each body, which is (n, 3) in its axes, relative to
+    `origin` [m]. Result files hold the global positions and the motion of the frames of bodies.
     """
 
     bodies: tuple[BodyColumns, ...]
@@ -408,13 +409,41 @@ class Layout:
     energies: tuple[str, ...]
     fingerprint: str
     origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    references: tuple[tuple[float, float, float], ...] = ()  # none: the frames
 
-    def shifted(self, q: NDArray[np.float64], sign: float) -> NDArray[np.float64]:
-        """A copy of coordinates (..., nq) with all bodies moved by `sign` times the origin.
+    @property
+    def is_moved(self) -> bool:
+        """Whether coordinates of the equations are not those of frames in global axes."""
+        return any(self.origin) or len(self.references) > 0
 
-        With 1 coordinates of the equations become positions in the global frame, with -1 back.
-        """
-        q = np.array(q, dtype=float)
-        for body in self.bodies if any(self.origin) else ():
-            q[..., body.iq : body.iq + 3] += sign * np.array(self.origin)
-        return q
+    def of_frames(self, *rows: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+        """q, and if given v and v̇ (..., n), of the frames of bodies from those of the equations."""
+        return self._moved(rows, 1.0)
+
+    def of_equations(self, *rows: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+        """q, and if given v and v̇ (..., n), of the equations from those of the frames."""
+        return self._moved(rows, -1.0)
+
+    def _moved(
+        self, rows: tuple[NDArray[np.float64], ...], sign: float
+    ) -> tuple[NDArray[np.float64], ...]:
+        moved = tuple(np.array(one, dtype=float) for one in rows)
+        none = ((0.0, 0.0, 0.0),) * len(self.bodies)
+        both = zip(self.bodies, self.references or none, strict=True)
+        for body, reference in both if self.is_moved else ():
+            place, turn = slice(body.iv, body.iv + 3), slice(body.iv + 3, body.iv + 6)
+            moved[0][..., body.iq : body.iq + 3] += np.multiply(sign, self.origin)
+            if any(reference):
+                e0, e = np.split(moved[0][..., body.iq + 3 : body.iq + 7], [1], axis=-1)
+                changes = [np.array(reference)]
+                if len(rows) > 1:
+                    w = moved[1][..., turn]
+                    changes.append(np.cross(w, reference))
+                if len(rows) > 2:
+                    changes.append(np.cross(moved[2][..., turn], reference))
+                    changes[2] += np.cross(w, changes[1])
+                for k, s in enumerate(changes):
+                    x = 2.0 * np.cross(e, s)
+                    own = slice(body.iq, body.iq + 3) if k == 0 else place
+                    moved[k][..., own] -= sign * (s + e0 * x + np.cross(e, x))
+        return moved

@@ -34,8 +34,11 @@ class OutputBlock:
         return {name: np.asarray(named[name], dtype=np.float64) for name in TABLES}
 
     def in_global_frame(self, layout: Layout) -> OutputBlock:
-        """The rows with global positions of bodies, as result files hold them."""
-        return replace(self, q=layout.shifted(self.q, 1.0)) if any(layout.origin) else self
+        """The rows with the motion of the frames of bodies, as result files hold them."""
+        if not layout.is_moved:
+            return self
+        q, v, vd = layout.of_frames(self.q, self.v, self.vd)
+        return replace(self, q=q, v=v, vd=vd)
 
     def part(self, start: int, stop: int) -> OutputBlock:
         """The rows from start to stop."""

@@ -55,8 +55,8 @@ class CompiledModel:
             raise ResultFileError(f"{run.path}: holds no output rows")
         before, fraction = run.row_at(run.time[-1] if time is None else time)
         k = before + round(fraction)
-        q = self.compiled.layout.shifted(run.q[k], -1.0)
-        return StartValues(q, run.v[k].copy(), float(run.table("time")[k]))
+        q, v = self.compiled.layout.of_equations(run.q[k], run.v[k])
+        return StartValues(q, v, float(run.table("time")[k]))
 
 
 def compile_source(

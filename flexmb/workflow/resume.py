@@ -349,7 +349,7 @@ def match_start(
         names = tuple(body.name for body in compiled.layout.bodies)
         what = f"has no body of this scene; it has {', '.join(theirs)}"
         raise ResultFileError.from_problems([Problem(str(other.path), what, names)])
-    q, v = compiled.layout.shifted(compiled.initial_q, 1.0), np.full(compiled.layout.nv, np.nan)
+    (q,), v = compiled.layout.of_frames(compiled.initial_q), np.full(compiled.layout.nv, np.nan)
     reductions = provenance(other).get("bodies", {})
     undeformed = []
     for body in matched:
@@ -376,8 +376,8 @@ def match_start(
         notes.append(
             f"begins without deformation, since its reduction differs: {', '.join(undeformed)}"
         )
-    begin = StartValues(compiled.layout.shifted(q, -1.0), v)
-    return StartState(other.path, begin, matched, tuple(notes))
+    q, v = compiled.layout.of_equations(q, v)
+    return StartState(other.path, StartValues(q, v), matched, tuple(notes))
 
 
 def _turn_notes(other: Result, compiled: Compiled) -> Iterator[str]:

@@ -314,13 +314,12 @@ def iterate_motion(model: Model | str | Path, **dynamics: Any) -> Iterator[Motio
     steps = 0
     while True:
         status = run.integrate(steps)
-        rows = run.rows.read()
+        rows = run.rows.read().in_global_frame(system.compiled.layout)
         for k in range(len(rows.t)):
             values = (float(x * f) for x, f in zip(rows.sensors[k], scales, strict=True))
             time = float(model.units.outward(rows.t[k], "s"))
             sensors = dict(zip(names, values, strict=True))
-            q = system.compiled.layout.shifted(rows.q[k], 1.0)
-            yield MotionState(time, sensors, q, rows.v[k], rows.vd[k], rows.lam[k])
+            yield MotionState(time, sensors, rows.q[k], rows.v[k], rows.vd[k], rows.lam[k])
         if status != SUCCESS:
             at, step = float(run.state.t[0]), float(run.state.memory[0]["next_step"])
             raise SolverError(

@@ -65,7 +65,10 @@ class InitialVelocities:
     def __init__(self, compiled: Compiled, model: Model, metric: System) -> None:
         self._length, self._units = compiled.length, model.units
         self._bodies = compiled.layout.bodies
-        markers = MarkerTable(list(model.bodies), Pool([metric.parts.pool], metric.parts.pool.size))
+        markers = MarkerTable(
+            list(model.bodies), Pool([metric.parts.pool], metric.parts.pool.size),
+            references=compiled.layout.references,
+        )  # fmt: skip
         before = len(metric.parts.markers)
         self._prescribed = [
             _Prescribed(

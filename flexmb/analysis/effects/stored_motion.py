@@ -324,8 +324,9 @@ def equations_of(compiled: Compiled) -> StateEquations:
 def read_motion(run: Result, compiled: Compiled) -> Motion:
     """The rows of a run in the coordinates of its model."""
     rows = slice(None)
-    q, *tables = (run.part(name, rows) for name in ("q", "v", "vd", "lam", "sensors"))
-    return Motion(run.time * run.units.scale("s"), compiled.layout.shifted(q, -1.0), *tables)
+    q, v, vd, *tables = (run.part(name, rows) for name in ("q", "v", "vd", "lam", "sensors"))
+    motion = compiled.layout.of_equations(q, v, vd)
+    return Motion(run.time * run.units.scale("s"), *motion, *tables)
 
 
 def shapes_of(body: FlexBody, finer: FlexBody) -> Array:

@@ -215,7 +215,8 @@ class Linearization:
         """
         motion = amplitude * np.real(self.shapes[:, k] * np.exp(1j * phase))
         q = ConstraintRows(self.compiled).move(self.state.q, motion)
-        return self.compiled.layout.shifted(q, 1.0)
+        (q,) = self.compiled.layout.of_frames(q)
+        return q
 
     @property
     def stable(self) -> bool:

@@ -361,6 +361,7 @@ class MarkerTable:
     modes: dict[bytes, int] = field(default_factory=dict)
     framed: set[int] = field(default_factory=set)  # markers of which axes are needed
     origin: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))  # of the equations
+    references: Sequence[Sequence[float]] = ()  # points (3,) of the bodies, as in `Layout`
     numbers: dict[str, int] = field(init=False)  # of the bodies by name
 
     def __post_init__(self) -> None:
@@ -403,6 +404,8 @@ class MarkerTable:
         rho, arm = marker.rho, marker.arm
         if modes < 0:  # no mode moves it
             rho, arm = marker.position, np.zeros(3)
+            if body >= 0 and len(self.references):
+                rho = rho - self.references[body]
         return body, modes, self._bend(marker) if modes >= 0 else -1, rho, arm, marker.R
 
     def body(self, marker: int) -> int:

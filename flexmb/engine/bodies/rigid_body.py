@@ -348,13 +348,14 @@ def mass_properties(specs: Sequence[RigidBodySpec]) -> tuple[Array, Array, Array
     return np.array([each.mass for each in of]), center, inertia
 
 
-def second_moments(specs: Sequence[RigidBodySpec]) -> tuple[Array, Array, Array]:
-    """Mass (n,), first (n, 3) and second moment ∫ρ s sᵀ (n, 3, 3) of rigid bodies about their
-    origins.
+def second_moments(specs: Sequence[RigidBodySpec], about: Array) -> tuple[Array, Array, Array]:
+    """Mass (n,), first (n, 3) and second moment ∫ρ s sᵀ (n, 3, 3) of rigid bodies about points
+    (n, 3).
 
     A mass distribution with inertia J about its centre has the second moment ½ tr(J) I − J.
     """
     mass, c, J = mass_properties(specs)
+    c = c - about
     second = 0.5 * np.trace(J, axis1=1, axis2=2)[:, None, None] * np.eye(3) - J
     first = mass[:, None] * c
     return mass, first, second + mass[:, None, None] * (c[:, :, None] * c[:, None, :])
