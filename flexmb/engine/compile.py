@@ -70,6 +70,7 @@ class Compiled:
 
     `functions` are the functions of time as expressions, by the index that the tables use.
     `contacts` are the joints that can only push: those of cams with their followers.
+    `kinks` (n, 2) are time events as those of the system, for explicit methods only.
     """
 
     system: System
@@ -77,6 +78,7 @@ class Compiled:
     initial_q: NDArray[np.float64]
     length: float
     flexbodies: Mapping[str, FlexBody]
+    kinks: NDArray[np.float64]
     functions: tuple[Expression, ...] = ()
     contacts: tuple[Contact, ...] = ()
     starts: tuple[Start, ...] = ()  # initial values of the states
@@ -119,6 +121,7 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         initial_q,
         length,
         bodies,
+        kinks_of_drivers(tables.lowering.functions.programs, model.dynamics, system),
         functions=tuple(tables.lowering.functions.programs),
         contacts=tuple(curve_points.contacts),
         starts=tables.starts,
@@ -301,6 +304,10 @@ def _layout(of: ModelTables, system: System) -> Layout:
 # so that both are certainly on their side of it.
 _TIME_ROUND_OFF = 4e-15
 
+# A jump of the third derivative of a driver that changes its value by less than this share of its
+# range until the next knot is left to the steps, which skip several knots at loose accuracies.
+_LEAST_CHANGE = 5e-7
+
 # Jumps that are closer than this fraction of the run count as one.
 _MIN_TIME_DISTANCE = 1e-10
 
@@ -341,7 +348,30 @@ def time_event_table(
         last = events[-1] if events else 0.0
         if (t == 0.0 or t - last > _MIN_TIME_DISTANCE * end) and t <= end:
             events.append(t)
-    times = np.array(events)
+    return _both_sides(np.array(events), end)
+
+
+def kinks_of_drivers(
+    programs: Sequence[Expression], spec: DynamicsSpec | None, system: System
+) -> NDArray[np.float64]:
+    """(n, 2) times [s] just before and just after jumps of the third derivative of drivers, apart
+    from the events of the system. Accelerations have kinks there, behind which methods of high
+    order lose it."""
+    if spec is None or spec.step is not None:
+        return np.zeros((0, 2))
+    end, times = spec.duration, set[float]()
+    drivers = set(system.rows["fun"].tolist())
+    for ops in (program.ops for k, program in enumerate(programs) if k in drivers):
+        times.update(derivative_jumps(ops, end, derivatives=3, least_change=_LEAST_CHANGE))
+    kinks = np.array(sorted(times))
+    edges = np.concatenate([[0.0], system.time_events[:, 0], [end]])
+    after = np.searchsorted(edges, kinks)
+    apart = np.minimum(kinks - edges[after - 1], edges[np.minimum(after, len(edges) - 1)] - kinks)
+    kinks = kinks[apart > _MIN_TIME_DISTANCE * end]
+    return _both_sides(kinks[np.diff(kinks, prepend=0.0) > _MIN_TIME_DISTANCE * end], end)
+
+
+def _both_sides(times: NDArray[np.float64], end: float) -> NDArray[np.float64]:
     after = np.where(times == 0.0, _TIME_ROUND_OFF * end, times * (1.0 + _TIME_ROUND_OFF))
     return np.column_stack([times * (1.0 - _TIME_ROUND_OFF), after])
 

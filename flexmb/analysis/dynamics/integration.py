@@ -80,9 +80,13 @@ class Integration:
         self.chunk = max(_MIN_CHUNK, _CHUNK_WORK // (compiled.layout.nv * stages))  # steps
         self.plan = new_plan(self.chunk) if plan is None else plan
         self.rows = ChunkRows(compiled, self._max_rows())
+        self.time_events = compiled.system.time_events
+        if integrator.stages and not settings.determinate:
+            events = np.concatenate([self.time_events, compiled.kinks])
+            self.time_events = events[np.argsort(events[:, 0])]
         run = new_run(
-            compiled.system, state, self.work, integrator, settings, self.plan, self.rows.output,
-            self.times,
+            compiled.system._replace(time_events=self.time_events), state, self.work, integrator,
+            settings, self.plan, self.rows.output, self.times,
         )  # fmt: skip
         self._run = packed_record(run)
         self._output_run = packed_record(output_run(run), like=self._run)

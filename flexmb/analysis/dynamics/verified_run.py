@@ -353,7 +353,7 @@ def _set_moved_plan(run: Integration, knots: np.ndarray, shift: float) -> None:
     Times of discontinuities are not shifted, nor those between steps of very different sizes, as
     near events.
     """
-    n, events, plan = len(knots), run.compiled.system.time_events.ravel(), run.plan
+    n, events, plan = len(knots), run.time_events.ravel(), run.plan
     plan.used[0], plan.knots[:n] = n, knots
     steps, inner = np.diff(knots), knots[1 : n - 1]
     ratios = steps[1:] / steps[:-1]

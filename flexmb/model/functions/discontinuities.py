@@ -46,12 +46,13 @@ _UNSAFE |= {"/", "atan2", "max", "min", "pow", "powc"}
 
 
 def derivative_jumps(
-    ops: Program, end: float, *, at_begin: bool = False, derivatives: int = 2
-) -> tuple[float, ...]:
+    ops: Program, end: float, *, at_begin: bool = False, derivatives: int = 2,
+    least_change: float = 0.0,
+) -> tuple[float, ...]:  # fmt: skip
     """Times in (0, end) [s], or in [0, end), at which value or derivatives jump, in order.
 
     Only those that are known in closed form, for arguments that are linear in time. Of the first
-    two derivatives, or of three.
+    two derivatives, or of three; `least_change` is that of `Piecewise.jumps`.
     """
     times: set[float] = set()
     stack: list[Line] = []
@@ -68,7 +69,7 @@ def derivative_jumps(
         elif op in UNARY:
             line = stack.pop()
             if line is not None and line[1] != 0.0:
-                times.update(_jump_times(op, argument, line, end, derivatives))
+                times.update(_jump_times(op, argument, line, end, derivatives, least_change))
             stack.append((-line[0], -line[1]) if op == "neg" and line is not None else None)
         else:  # not known in advance
             stack.append(None)
@@ -92,8 +93,9 @@ def _line(op: str, left: Line, right: Line) -> Line:
 
 
 def _jump_times(
-    op: str, argument: object, line: tuple[float, float], end: float, derivatives: int
-) -> list[float]:
+    op: str, argument: object, line: tuple[float, float], end: float, derivatives: int,
+    least_change: float,
+) -> list[float]:  # fmt: skip
     """Times at which an operation on a + b t, or one of its derivatives, jumps."""
     a, b = line
     if op in ("abs", "sign"):
@@ -102,7 +104,7 @@ def _jump_times(
         return [-a / b, (1.0 - a) / b]
     if not isinstance(argument, Piecewise):
         return []
-    places = argument.jumps(derivatives)
+    places = argument.jumps(derivatives, least_change if derivatives == 3 else 0.0)
     if argument.period > 0.0 and len(places):
         span = sorted((a, a + b * end))
         first = int(np.floor((span[0] - places[0]) / argument.period))

@@ -130,8 +130,12 @@ class Piecewise:
         once = Piecewise(self.knots, self.coefficients).antiderivative()
         return Piecewise(once.knots, once.coefficients, self.period).without_mean()[1]
 
-    def jumps(self, derivatives: int = 2) -> Array:
-        """The knots where the value or one of the first two or three derivatives jumps."""
+    def jumps(self, derivatives: int = 2, least_change: float = 0.0) -> Array:
+        """The knots where the value or one of the first two or three derivatives jumps.
+
+        A jump of the third one counts only if it changes the value, over the distance of the next
+        knot, by more than `least_change` times the range of the values at the knots.
+        """
         n = derivatives + 1
         c, p = self.coefficients, min(n, self.coefficients.shape[1])
         right = np.zeros((len(self.knots), n))
@@ -148,7 +152,14 @@ class Piecewise:
         size = np.max(np.abs(np.where(inside, right, 0.0)), axis=0)
         for k in range(1, n):  # what a change over the whole length would be
             size[k] = max(size[k], size[k - 1] / (self.knots[-1] - self.knots[0]))
-        jump = np.abs(np.where(inside, right - left, 0.0)) > _JUMPS[:n] * size
+        apart = np.abs(np.where(inside, right - left, 0.0))
+        jump = apart > _JUMPS[:n] * size
+        if least_change > 0.0:
+            widths = np.diff(self.knots)
+            nearest = np.minimum(np.append(widths[:1], widths), np.append(widths, widths[-1:]))
+            change = apart[:, 3:] * nearest[:, None] ** 3 / 6.0
+            values = np.where(np.isfinite(right[:, 0]), right[:, 0], left[:, 0])
+            jump[:, 3:] &= change > least_change * np.ptp(values)
         knots: Array = self.knots[jump.any(axis=1)]
         return knots
 

@@ -220,3 +220,57 @@ def test_a_square_wave_leaves_no_error_at_its_jumps(begin):
     t, x, _ = whole(ready(model, duration=1.9, outputs=10, accuracy=1e-2, method="explicit-rk"))
     wanted = 2 - 2 * np.cos(t) - t**2 / 2 + np.maximum(t - turn, 0.0) ** 2
     np.testing.assert_allclose(x, wanted, rtol=0, atol=1e-9)
+
+
+WAVE = [[0, 0], [0.1, 0.03], [0.22, -0.01], [0.4, 0.02], [0.55, -0.04], [0.7, 0], [1, 0]]
+WAVE = {"type": "spline", "points": WAVE, "ends": "periodic", "beyond": "repeat"}
+
+
+def carried(stroke, **dynamics):
+    """A cart on a spring, on another one that is led; a run to its end, and times of its steps."""
+    model = Model("carried")
+    for name in ("base", "cart"):
+        model.add_body(name, mass=1.0, inertia=[1, 1, 1])
+    model.add_joint("rail", "prismatic", between=["ground", "base"], axis="x")
+    model.add_joint("deck", "prismatic", between=["base", "cart"], axis="x")
+    model.add_driver("lead", joint="rail", stroke=stroke)
+    model.add_force("spring", "translational-spring-damper", joint="deck", stiffness=60.0)
+    model.add_sensor("place", "position", of="cart.origin")
+    run, times = ready(model, duration=10.0, outputs=40, **dynamics), [0.0]
+    while not run.finished:
+        assert run.integrate(1) == SUCCESS
+        times.append(float(run.state.t[0]))
+    return run, np.array(times)
+
+
+def test_steps_of_explicit_methods_end_where_the_acceleration_of_a_driver_has_a_kink():
+    knots = np.concatenate([np.array(WAVE["points"])[1:, 0] + turn for turn in range(10)])
+
+    def beside(times):
+        return np.abs(times[:, None] - knots).min(axis=0) < 1e-9
+
+    run, times = carried(WAVE, method="explicit-rk")
+    assert beside(times).all()
+    count = run.state.count[0]
+    assert count["steps"] < 250  # of 1050, and 140 rejected, over the knots
+    assert count["rejected"] < 10
+    _, times = carried(WAVE, method="radau")  # loses no order there
+    assert beside(times).sum() < 5
+
+
+def test_steps_do_not_end_at_the_points_of_a_smooth_curve_or_of_digits():
+    t = np.arange(1001) / 1000
+    for digits in (16, 9):
+        y = np.round(0.05 * np.sin(2 * np.pi * t), digits)
+        y[-1] = y[0]
+        points = np.stack([t, y], axis=1).tolist()
+        spline = {"type": "spline", "points": points, "ends": "periodic", "beyond": "repeat"}
+        run, _ = carried(spline, method="explicit-rk")
+        assert len(run.compiled.kinks) == 0
+        assert run.state.count[0]["steps"] < 8000  # over 10 000 points
+
+
+def test_a_mechanism_that_only_drivers_move_does_not_end_its_steps_at_kinks():
+    run = ready(cart(stroke=WAVE), method="explicit-rk", duration=10.0, outputs=40)
+    assert len(run.compiled.kinks)
+    assert len(run.time_events) == len(run.compiled.system.time_events)
