@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -49,6 +50,7 @@ from flexmb.engine.tables import (
 )
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
+from flexmb.flexbody.effects import about_point
 from flexmb.model import lookup
 from flexmb.model.functions.discontinuities import brief_changes, derivative_jumps, switch_times
 from flexmb.model.functions.expression import Expression
@@ -68,8 +70,9 @@ _NOT_REDUCED = (
 class Compiled:
     """A system ready to run: tables, names, initial pose, size of the model [m], reduced bodies.
 
-    `functions` are the functions of time as expressions, by the index that the tables use.
-    `contacts` are the joints that can only push: those of cams with their followers.
+    `flexbodies` are as they are given. `functions` are the functions of time as expressions, by the
+    index that the tables use. `contacts` are the joints that can only push: those of cams with
+    their followers.
     """
 
     system: System
@@ -83,6 +86,16 @@ class Compiled:
     numbers: tuple[str, ...] = ()  # names of all channels and states by their number
     elements: Mapping[str, Element] = field(default_factory=dict)  # rows of forces by scene path
     is_damped: bool = False  # whether flexible bodies have the damping of modes of the mechanism
+
+    @cached_property
+    def bodies(self) -> Mapping[str, FlexBody]:
+        """The reduced bodies about their reference points, as the equations describe them."""
+        points = self.layout.references or np.zeros((len(self.layout.bodies), 3))
+        return {
+            one.name: about_point(self.flexbodies[one.name], np.array(point))
+            for one, point in zip(self.layout.bodies, points, strict=True)
+            if one.name in self.flexbodies
+        }
 
 
 def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> Compiled:
