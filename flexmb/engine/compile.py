@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
 
@@ -126,6 +126,7 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     places = np.append(np.zeros(tables.before), [point.start for point in curve_points.points])
     (initial_q,) = layout.of_equations(np.append(initial_positions(model, tables.bodies), places))
     system = of_their_parts(system, length, extents_of_parts(system, initial_q)[0])
+    layout = replace(layout, fingerprint=fingerprint(system))
     return Compiled(
         system,
         layout,
@@ -304,7 +305,7 @@ def _layout(of: ModelTables, system: System) -> Layout:
         reactions=tuple(groups.owners),
         channels=model.channels(),
         energies=ENERGIES,
-        fingerprint=fingerprint(system),
+        fingerprint="",
         origin=tuple(of.lowering.markers.origin.tolist()),
         references=tuple(map(tuple, points.tolist())) if points.any() else (),
     )

@@ -42,14 +42,14 @@ def about_point(body: FlexBody, point: FloatArray) -> FlexBody:
     """
     if not point.any():
         return body
-    c, moved = np.asarray(point, dtype=float), np.outer(body.S1, point)
+    c, moved, surface = np.asarray(point, dtype=float), np.outer(body.S1, point), body.surface
     return replace(
         body,
         S1=body.S1 - body.mass * c,
         S0=body.S0 - moved - moved.T + body.mass * np.outer(c, c),
         P=body.P - c[:, None, None] * body.p,
         interfaces=tuple(_from_point(one, c) for one in body.interfaces),
-        surface=None,
+        surface=None if surface is None else replace(surface, points=surface.points - c),
         nodes=None if body.nodes is None else _from_point(body.nodes, c),
         loads=tuple(
             replace(one, points=tuple(_from_point(each, c) for each in one.points))
