@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -49,6 +50,7 @@ from flexmb.engine.tables import (
 )
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
+from flexmb.flexbody.effects import about_point
 from flexmb.model import lookup
 from flexmb.model.functions.discontinuities import brief_changes, derivative_jumps, switch_times
 from flexmb.model.functions.expression import Expression
@@ -68,9 +70,10 @@ _NOT_REDUCED = (
 class Compiled:
     """A system ready to run: tables, names, initial pose, size of the model [m], reduced bodies.
 
-    `functions` are the functions of time as expressions, by the index that the tables use.
-    `contacts` are the joints that can only push: those of cams with their followers.
-    `kinks` (n, 2) are time events as those of the system, for explicit methods only.
+    `flexbodies` are as they are given. `functions` are the functions of time as expressions, by the
+    index that the tables use. `contacts` are the joints that can only push: those of cams with
+    their followers. `kinks` (n, 2) are time events as those of the system, for explicit methods
+    only.
     """
 
     system: System
@@ -85,6 +88,16 @@ class Compiled:
     numbers: tuple[str, ...] = ()  # names of all channels and states by their number
     elements: Mapping[str, Element] = field(default_factory=dict)  # rows of forces by scene path
     is_damped: bool = False  # whether flexible bodies have the damping of modes of the mechanism
+
+    @cached_property
+    def bodies(self) -> Mapping[str, FlexBody]:
+        """The reduced bodies about their reference points, as the equations describe them."""
+        points = zip(self.layout.bodies, self.layout.references, strict=False)
+        moved = {one.name: np.array(point) for one, point in points if any(point)}
+        return {
+            name: about_point(body, moved[name]) if name in moved else body
+            for name, body in self.flexbodies.items()
+        }
 
 
 def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = None) -> Compiled:
@@ -115,6 +128,7 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
     places = np.append(np.zeros(tables.before), [point.start for point in curve_points.points])
     (initial_q,) = layout.of_equations(np.append(initial_positions(model, tables.bodies), places))
     system = of_their_parts(system, length, extents_of_parts(system, initial_q)[0])
+    layout = replace(layout, fingerprint=fingerprint(system))
     return Compiled(
         system,
         layout,
@@ -294,7 +308,7 @@ def _layout(of: ModelTables, system: System) -> Layout:
         reactions=tuple(groups.owners),
         channels=model.channels(),
         energies=ENERGIES,
-        fingerprint=fingerprint(system),
+        fingerprint="",
         origin=tuple(of.lowering.markers.origin.tolist()),
         references=tuple(map(tuple, points.tolist())) if points.any() else (),
     )

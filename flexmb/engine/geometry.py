@@ -27,7 +27,9 @@ Ends = tuple[PlacedMarker, PlacedMarker]
 """Markers I and J."""
 
 
-_FAR = 4.0  # distance from the origin of the ground over the size of the model
+# Distance of a model from the origin of the ground over its size, and of a body from its frame over
+# its radius, from which the equations are about another point.
+_FAR_MODEL, _FAR_BODY = 4.0, 2.0
 
 
 @dataclass(frozen=True)
@@ -114,22 +116,27 @@ def model_length(
     return max([spread, float(gyration.max(initial=0.0)), *reach]) or 1.0
 
 
-def reference_points(model: Model) -> Array:
+def reference_points(model: Model, flexbodies: Mapping[str, FlexBody]) -> Array:
     """Points (n, 3) of bodies whose motion the equations describe, in their axes [m].
 
-    They are 0, the origins of the frames; near the centre of mass for a rigid body that is far from
-    its frame, unless a joint or driver is there.
+    They are 0, the origins of the frames; near the centre of mass for a body that is far from its
+    frame, unless a joint or driver is there.
     """
     points = np.zeros((len(model.bodies), 3))
     joined = {end for spec in (*model.joints.values(), *model.drivers.values())
               for end in getattr(spec, "between", None) or ()}  # fmt: skip
     for k, (name, spec) in enumerate(model.bodies.items()):
-        if isinstance(spec, RigidBodySpec) and not joined & {name, f"{name}.origin"}:
+        if joined & {name, f"{name}.origin"}:
+            continue
+        if name in flexbodies:
+            body = flexbodies[name]
+            points[k] = _far_point(body.center, 0.5 * body.characteristic_length, _FAR_BODY)
+        elif isinstance(spec, RigidBodySpec):
             mass = spec.mass_properties
             arms = np.array([*lookup.places(model, name, {})[1:]]) - mass.center
             gyration = np.sqrt(np.trace(mass.inertia) / mass.mass) if mass.mass > 0.0 else 0.0
             reach = max(gyration, float(np.linalg.norm(arms, axis=1).max()))
-            points[k] = _far_point(np.asarray(mass.center, dtype=float), reach)
+            points[k] = _far_point(np.asarray(mass.center, dtype=float), reach, _FAR_BODY)
     return points
 
 
@@ -138,15 +145,15 @@ def coordinate_origin(model: Model, length: float, references: Array) -> Array:
     `references` (n, 3) are the points of bodies."""
     r, A = lookup.poses(model)
     r = r[:-1] + (A[:-1] @ references[:, :, None])[..., 0]
-    return _far_point(0.5 * (r.min(axis=0) + r.max(axis=0)), length)
+    return _far_point(0.5 * (r.min(axis=0) + r.max(axis=0)), length, _FAR_MODEL)
 
 
-def _far_point(x: Array, size: float) -> Array:
-    """A point near x (3,), or 0 if x is not further away than `_FAR` times a size.
+def _far_point(x: Array, size: float, far: float) -> Array:
+    """A point near x (3,), or 0 if x is not further away than `far` times a size.
 
     Its components are multiples of a power of two, so that positions relative to it are exact.
     """
-    if not size > 0.0 or np.linalg.norm(x) <= _FAR * size:
+    if not size > 0.0 or np.linalg.norm(x) <= far * size:
         return np.zeros(3)
     unit = 2.0 ** np.floor(np.log2(size) - 4.0)
     return np.asarray(unit * np.round(x / unit) + 0.0)

@@ -33,7 +33,7 @@ from flexmb.engine.symbolic import Blocks, Symbolic, analyse
 from flexmb.engine.tables import BODY, GROUP, Functions, Kkt, Pool, Sensors, deformation_room
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody import FlexBody
-from flexmb.flexbody.effects import without_modal_inertia
+from flexmb.flexbody.effects import about_point, without_modal_inertia
 from flexmb.model.body import BodySpec, RigidBodySpec
 from flexmb.model.control import channel_program, resolved, states_of
 from flexmb.model.excitation import cutoff_frequency
@@ -75,7 +75,7 @@ def build_tables(model: Model, flexbodies: Mapping[str, FlexBody]) -> ModelTable
         A joint or driver between two markers of one body, or a fault that only geometry shows.
     """
     functions = Functions(lambda expression: resolved(model, expression))
-    references = reference_points(model)
+    references = reference_points(model, flexbodies)
     markers = MarkerTable(list(model.bodies), Pool(), references=references)
     bodies = body_table(model, flexbodies, markers.pool, references)
     states = states_of(model)
@@ -127,8 +127,9 @@ def body_table(
     table["mass"][rigid], table["S1"][rigid], table["S0"][rigid] = second_moments(
         [spec for spec in specs if isinstance(spec, RigidBodySpec)], references[rigid]
     )
-    for k, body in flexible.items():
+    for k, own in flexible.items():
         row, spec = table[k], specs[k]
+        body = about_point(own, references[k]) if references[k].any() else own
         row["m"], row["mass"], row["S1"], row["S0"] = body.m, body.mass, body.S1, body.S0
         coupling = spec.inertia_coupling if isinstance(spec, FlexibleBodySpec) else "full"
         row["coupling"] = COUPLINGS.index(coupling)

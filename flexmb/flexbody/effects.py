@@ -34,6 +34,32 @@ for _a, _b, _c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
 _NO_MASS = 1e-12  # a moment of inertia below this fraction of its bound is round-off
 
 
+def about_point(body: FlexBody, point: FloatArray) -> FlexBody:
+    """The body in a frame with the same axes and its origin at a point (3,).
+
+    Places, and integrals with places, are changed. The geometric stiffness is not: uniform
+    accelerations, by which the centrifugal loads differ, have none.
+    """
+    c, moved, surface = np.asarray(point, dtype=float), np.outer(body.S1, point), body.surface
+    return replace(
+        body,
+        S1=body.S1 - body.mass * c,
+        S0=body.S0 - moved - moved.T + body.mass * np.outer(c, c),
+        P=body.P - c[:, None, None] * body.p,
+        interfaces=tuple(_from_point(one, c) for one in body.interfaces),
+        surface=None if surface is None else replace(surface, points=surface.points - c),
+        nodes=None if body.nodes is None else _from_point(body.nodes, c),
+        loads=tuple(
+            replace(one, points=tuple(_from_point(each, c) for each in one.points))
+            for one in body.loads
+        ),
+    )
+
+
+def _from_point(places: Any, c: FloatArray) -> Any:
+    return replace(places, position=places.position - c)
+
+
 def rigid_twin(body: FlexBody) -> FlexBody:
     """The body without modes: its mass properties, interfaces, nodes and surface."""
     if body.m == 0:

@@ -69,7 +69,7 @@ class MechanismModes:
         for k in bodies:
             columns = layout.bodies[k]
             at = order[_columns(columns)]
-            block = _mass(system, k, compiled.flexbodies.get(columns.name))
+            block = _mass(system, k, compiled.bodies.get(columns.name))
             turn = rotation_matrix(q[columns.iq + 3 : columns.iq + 7])
             block[:3] = turn @ block[:3]
             block[:, :3] = block[:, :3] @ turn.T

@@ -200,7 +200,7 @@ def largest_lengths(eta: Array, rows: Array) -> Array:
 def flexible_columns(compiled: Compiled) -> Iterator[tuple[BodyColumns, FlexBody]]:
     """The bodies with modes, with their columns in q and v."""
     for columns in compiled.layout.bodies:
-        body = compiled.flexbodies.get(columns.name)
+        body = compiled.bodies.get(columns.name)
         if columns.m and body is not None and body.m == columns.m:
             yield columns, body
 

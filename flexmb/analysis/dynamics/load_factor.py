@@ -235,7 +235,7 @@ class _Mechanism:
         names = {columns.iv: columns.name for columns in compiled.layout.bodies}
         for entry in compiled.system.parts.bodies:
             iv, m = int(entry["iv"]), int(entry["m"])
-            body, part = compiled.flexbodies.get(names[iv]), slice(iv, iv + 6 + m)
+            body, part = compiled.bodies.get(names[iv]), slice(iv, iv + 6 + m)
             mean = np.zeros((6, m))
             if body is None or not m:
                 body, M = None, _rigid_mass(entry)

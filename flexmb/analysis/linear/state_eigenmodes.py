@@ -264,7 +264,7 @@ def _motions(seen: MinimalEquations, modes: Eigenmodes) -> Complex:
         own, k = R.T @ A, body.iv
         record = compiled.system.parts.bodies[len(parts)]
         mass, spread = float(record["mass"]), np.asarray(record["S0"])
-        flexible = compiled.flexbodies.get(body.name)
+        flexible = compiled.bodies.get(body.name)
         if flexible is None or not flexible.m:
             center = np.asarray(record["S1"]) / mass if mass else np.zeros(3)
             arms = np.array([center])

@@ -445,4 +445,4 @@ def modal_reach(body: FlexBody) -> Array:
     if not fields:
         return mean
     reach = np.linalg.norm(np.stack(fields), axis=1).max(axis=0)
-    return np.where(reach > 0.0, reach, mean)  # a mode may move no interface
+    return np.where(reach > _ROUND_OFF * mean, reach, mean)  # a mode may move no interface

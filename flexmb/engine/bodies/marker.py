@@ -404,8 +404,8 @@ class MarkerTable:
         rho, arm = marker.rho, marker.arm
         if modes < 0:  # no mode moves it
             rho, arm = marker.position, np.zeros(3)
-            if body >= 0 and len(self.references):
-                rho = rho - self.references[body]
+        if body >= 0 and len(self.references):
+            rho = rho - self.references[body]
         return body, modes, self._bend(marker) if modes >= 0 else -1, rho, arm, marker.R
 
     def body(self, marker: int) -> int:

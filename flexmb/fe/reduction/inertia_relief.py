@@ -56,10 +56,13 @@ def inertia_loads(
     """(n, 12) loads per unit of a, α and the six centrifugal fields.
 
     The first six are zero unless ``rigid``. In a planar reduction, loads that leave the plane are
-    zero.
+    zero. So are centrifugal loads that are round-off of places, as those across a straight line.
     """
     rigid_loads = np.asarray(fe.M @ fe.rigid) * float(rigid)
-    F = np.column_stack([rigid_loads, *(f for f, _ in centrifugal_fields(fe))])
+    fields = np.column_stack([f for f, _ in centrifugal_fields(fe)])
+    sizes = np.sum(fields**2 / fe.K.diagonal()[:, None], axis=0)
+    fields[:, sizes <= _FIELD_ROUND_OFF**2 * sizes.max()] = 0.0
+    F = np.column_stack([rigid_loads, fields])
     if mirror is not None:
         F[:, ~_is_in_plane(mirror.normal)] = 0.0
     return F if mirror is None else 0.5 * (F + mirror.S.T @ F)
@@ -117,6 +120,7 @@ _REPRESENTED_ENERGY = (
     # share of a response's energy below which the rest is round-off: the modes contain the response
     1e-10
 )
+_FIELD_ROUND_OFF = 1e-10  # size of a centrifugal load over that of the largest, that is round-off
 _RESPONSE_ROUND_OFF = (
     1e-14  # a response with less than this fraction of the energy F^2/K_ii of its load is round-off
 )

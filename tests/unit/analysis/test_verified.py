@@ -253,7 +253,7 @@ def test_the_error_that_it_tells_is_the_error(knobs, near):
 @pytest.mark.parametrize(("method", "damps"), [("radau", True), ("explicit-rk", False)])
 def test_only_implicit_steps_are_said_to_damp_vibrations(method, damps):
     """Explicit ones follow them: no cure is the method that runs already."""
-    row = SimpleNamespace(error=0.2, name="gap", time=0.1, round_off=0.0)
+    row = SimpleNamespace(error=0.2, name="gap", time=0.1, round_off=0.0, of_values=0.0)
     verified = SimpleNamespace(
         errors=lambda: {"positions": row}, difference=0.1,
         fine=SimpleNamespace(state=SimpleNamespace(count=[{"events": 0, "steps": 10}])),
