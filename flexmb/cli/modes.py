@@ -20,7 +20,7 @@ from flexmb.cli.app import (
     parse_pairs,
     refuse_options,
 )
-from flexmb.errors import FlexmbError
+from flexmb.errors import FlexmbError, SceneError
 
 _BODIES = 3  # that are named for a mode
 _LEAST_SHARE = 0.05
@@ -187,9 +187,16 @@ def _show_modes(made: Any, count: int) -> None:
         screen.line(f"and {left} more (--count)")
     if not len(made.eigenvalues):
         screen.line("joints and drivers fix every motion: there are no modes")
-    growing = made.eigenvalues.real.max(initial=0.0)
-    if not made.stable:
-        screen.line(f"unstable: a mode grows by a factor of e in {1.0 / growing:.3g} s")
+    if made.stable:
+        return
+    grows = f"grows by a factor of e in {1.0 / made.eigenvalues.real.max():.3g} s"
+    if made.unsteadiness == 0.0:
+        screen.line(f"unstable: a mode {grows}")
+    else:
+        screen.line(
+            f"a mode of this instant {grows}; where the state is not steady, that does not show "
+            "whether it is stable"
+        )
 
 
 def _show_sweep(sweep: Any, count: int, output: Path | None, root_locus: Path | None) -> None:
@@ -208,7 +215,7 @@ def _show_sweep(sweep: Any, count: int, output: Path | None, root_locus: Path | 
     growing = [
         f"{value:g}"
         for value, one in zip(sweep.values, sweep.linearizations, strict=True)
-        if not one.stable
+        if not one.stable and one.unsteadiness == 0.0
     ]
     if growing:
         screen.line(f"unstable at {sweep.parameter} = {', '.join(growing)}")
@@ -343,6 +350,7 @@ def statics(
 
     Example: flexmb statics scene.toml --vary load=0..100:21 -o sweep.svg
     """
+    from flexmb.model import load_scene
     from flexmb.view.plot import writable_file
     from flexmb.workflow import equilibria
 
@@ -357,6 +365,11 @@ def statics(
         return
     if output is not None:
         writable_file(output, (".png", ".pdf", ".svg"))
+        if not load_scene(scene, dict(changes)).sensors:
+            raise SceneError(
+                "the scene has no sensor, whose channels --output draws; add one under [sensors], "
+                "or leave --output out: the equilibria are listed without it"
+            )
     if table is not None:
         writable_file(table, (".csv",))
     [(name, text)] = parse_pairs([vary], "--vary").items()

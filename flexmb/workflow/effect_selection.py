@@ -32,6 +32,7 @@ from flexmb.workflow.effect import (
     STATIC,
     STIFFENING,
     VIBRATION,
+    Effect,
     percent,
 )
 from flexmb.workflow.run import run_single
@@ -92,17 +93,25 @@ class Selection:
 
     def switch(self, body: str, words: Mapping[str, Any], *why: str) -> bool:
         """Change options of a body that are open, and note why; returns whether any changed."""
+        changes = self.changes(body, words)
+        self.words[body].update(changes)
+        if changes:
+            text = ", ".join(f"{key} = {value}" for key, value in changes.items())
+            self.steps.append((why[0], body, text, *why[1:]))
+        return bool(changes)
+
+    def changes(self, body: str, words: Mapping[str, Any]) -> dict[str, Any]:
+        """What words would change of the options of a body that are open."""
         mine = self.words[body]
         if body in self.framed:
             words = {key: _FRAMED.get(word, word) for key, word in words.items()}
         if mine.get("deformation") == "dynamic":  # what vibrates deforms as well
             words = {**words, "deformation": "dynamic"}
-        changes = {key: value for key, value in words.items() if mine.get(key, value) != value}
-        mine.update(changes)
-        if changes:
-            text = ", ".join(f"{key} = {value}" for key, value in changes.items())
-            self.steps.append((why[0], body, text, *why[1:]))
-        return bool(changes)
+        return {key: value for key, value in words.items() if mine.get(key, value) != value}
+
+    def may_switch(self, effect: Effect) -> bool:
+        """Whether an effect that is off has words that are open."""
+        return bool(self.changes(effect.body, _words_of(effect.name, effect.indicator)))
 
     def apply(self, model: Model) -> Model:
         """The model with the selected options, with nothing left to be selected."""
@@ -156,6 +165,7 @@ def run_with_selected_effects(
         {name: _open_words(spec) for name, spec in flexible.items()},
         frozenset(name for name, spec in flexible.items() if spec.frame_interface is not None),
     )
+    rows: list[int] = []
     made: Audit | None = None
     first: FlexmbError | None = None  # the first of consecutive failures
     for number in map(str, range(1, _MAX_RUNS + 1)):
@@ -173,8 +183,9 @@ def run_with_selected_effects(
         if run.status != "finished":
             return report
         made = audit_until(
-            run, budget, progress, partial(_switch_on, selection, number=number, budget=budget)
-        )
+            run, budget, progress, partial(_switch_on, selection, number=number, budget=budget),
+            selection.may_switch, rows=rows,
+        )  # fmt: skip
         if made is not None:
             break
     made = made or audit(run, budget=budget, progress=progress)
@@ -212,26 +223,39 @@ def _raise_all_bodies(selection: Selection, number: str, why: str) -> bool:
     return any([selection.switch(k, _WORDS[BOTH], number, why, "", "") for k in constant])
 
 
+def _words_of(effect: str, indicator: str) -> dict[str, Any]:
+    """Words that switch an effect on."""
+    return {"modes": int(indicator.split()[0]) * 2} if effect == MODES else _WORDS[effect]
+
+
 def _switch_on(
-    selection: Selection, effects: Sequence[EffectOutcome], number: str, budget: float
-) -> bool:
+    selection: Selection, effects: Sequence[EffectOutcome], unknown: int, *, number: str,
+    budget: float,
+) -> bool:  # fmt: skip
     """Switch on effects that would let the sum of the omitted ones exceed its share of the budget.
 
     The smallest contributions stay off as long as their sum at every sensor allows it. An effect
     whose contribution is not known, because sensors vibrate faster than the rows resolve or its
     estimate failed, is switched on.
+
+    Of some effects (`unknown`), which no option of the selection switches, the contributions may
+    not be computed yet. None is switched then if these might decide whether another one stays off.
     """
     sums: dict[str, float] = {}
-    changed = False
     off = [one for one in effects if not one.on and (one.shares or one.is_failure) and one.body]
     off = [one for one in off if one.share is not None or one.effect != MODES]
+    wanted: list[EffectOutcome] = []
     for one in sorted(off, key=lambda one: inf if one.share is None else one.share):
         together = {name: sums.get(name, 0.0) + share for name, share in one.shares.items()}
         if one.share is not None and max(together.values()) <= _OMITTED_SHARE * budget:
             sums |= together
+            if max(together.values()) + unknown * one.share > _OMITTED_SHARE * budget:
+                return False  # smaller ones among those that are not known come before it
             continue
-        words = {"modes": int(one.indicator.split()[0]) * 2} if one.effect == MODES else None
+        wanted.append(one)
+    changed = False
+    for one in wanted:
         share = "not known" if one.is_failure else percent(one.share)
-        why = (number, one.effect, share, one.sensor)
-        changed |= selection.switch(one.body, words or _WORDS[one.effect], *why)
+        words = _words_of(one.effect, one.indicator)
+        changed |= selection.switch(one.body, words, number, one.effect, share, one.sensor)
     return changed

@@ -70,8 +70,11 @@ class ModelVariants:
     _rigid: dict[tuple[str, ...], tuple[Compiled, Motion, float]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, run: Result, most_rows: int, progress: Progress = silent) -> ModelVariants:
-        """The model of a run, and at most `most_rows` of its rows."""
+    def of(
+        cls, run: Result, most_rows: int, progress: Progress = silent, rows_before: int = 0
+    ) -> ModelVariants:
+        """The model of a run, and at most `most_rows` of its rows; `rows_before`: those that a
+        similar run needed."""
         from flexmb.analysis.effects.stored_motion import read_motion
         from flexmb.engine.compile import compile_system
         from flexmb.flexbody import load
@@ -89,7 +92,9 @@ class ModelVariants:
             bodies[name] = load(whole) if whole != file and whole.exists() else bodies[name]
         made = cls(run, model, bodies, compiled, read_motion(run, compiled), folder, progress)
         again = None if made.has_origin else partial(made._run, name="rows")
-        made.motion, made.notes = resolved_motion(made.motion, compiled, model, most_rows, again)
+        made.motion, made.notes = resolved_motion(
+            made.motion, compiled, model, most_rows, again, rows_before
+        )
         return made
 
     @cached_property
@@ -227,14 +232,12 @@ class ModelVariants:
         return choose_static_modes(add_damping(compiled, model, q)[0], q)
 
     def _run(self, model: Model, name: str) -> Result:
-        from flexmb.model.scenes.dynamics import ValiditySpec
         from flexmb.results import Result
         from flexmb.workflow.run import run_single
 
-        folder, model = writable_folder(self.folder / name), copy.copy(model)
-        model.set_validity(**dict.fromkeys(ValiditySpec.model_fields, "any"))  # valid or not
+        folder = writable_folder(self.folder / name)
         _copy_bodies(self.run.path.parent, folder)
-        report = run_single(model, folder, pictures=False, progress=self.progress)
+        report = run_single(model, folder, pictures=False, is_judged=False, progress=self.progress)
         return Result(report.result)
 
     def reduced(self, model: Model, effect: Effect) -> FlexBody:
@@ -254,7 +257,7 @@ class ModelVariants:
 
 def resolved_motion(
     motion: Motion, compiled: Compiled, model: Model, most_rows: int,
-    run: Callable[[Model], Result] | None,
+    run: Callable[[Model], Result] | None, rows_before: int = 0,
 ) -> tuple[Motion, list[str]]:  # fmt: skip
     """At most `most_rows` rows of a motion that resolve it, and notes on them.
 
@@ -267,6 +270,9 @@ def resolved_motion(
         accelerations, rotations and vibrations at sensors, and if the model is not too large.
     run : callable, optional
         Runs a model; None: it cannot be run again.
+    rows_before : int
+        Rows that a similar motion needed. If these are as many as there may be, this one is not
+        tried with `most_rows` first.
     """
     from flexmb.analysis.effects.stored_motion import read_motion
     from flexmb.model.excitation import driving_frequencies
@@ -274,6 +280,8 @@ def resolved_motion(
     rows, thinned, notes = motion, motion.thinned(most_rows), []
     fastest = max((hertz for _, hertz in driving_frequencies(model)), default=0.0)
     limits = list(_row_limits(compiled, most_rows))
+    if rows_before >= limits[-1]:
+        limits = limits[1:] or limits
     for most in limits:
         thinned = rows.thinned(most)
         better = max(thinned.turns(compiled, fastest), _ringing_factor(model, compiled, thinned))
@@ -311,9 +319,10 @@ def resolved_motion(
 
 def _ringing_factor(model: Model, compiled: Compiled, motion: Motion) -> float:
     """Factor of additional rows that would resolve the vibrations at the sensors."""
-    from flexmb.analysis.effects.contribution import fast_shares
+    from flexmb.analysis.effects.contribution import fast_shares, round_off
 
-    rings = fast_shares(model, motion.channels, compiled.layout.channels).values()
+    names, least = compiled.layout.channels, round_off(compiled, motion)
+    rings = fast_shares(model, motion.channels, names, least).values()
     return float(np.sqrt(max(rings, default=0.0) / _RINGING_SHARE))
 
 

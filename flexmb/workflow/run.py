@@ -58,9 +58,13 @@ def run_single(
     start_from: Result | str | Path | None = None,
     fresh: bool = False,
     pictures: bool = True,
+    is_judged: bool = True,
     progress: Progress = silent,
 ) -> RunReport:
-    """Run a model with the effects that it states, from mesh to picture; see `run_scene`."""
+    """Run a model with the effects that it states, from mesh to picture; see `run_scene`.
+
+    Without `is_judged` nobody examines whether its motion is valid, and no bound ends it.
+    """
     from flexmb.engine.compile import compile_system
     from flexmb.model.scenes.effects import active_model
     from flexmb.results import Result
@@ -83,7 +87,7 @@ def run_single(
     scene = scene_model.to_scene_dict(folder, names)
     notes += _row_size_note(compiled, scene)
     start = match_start(model, compiled, bodies, start_from) if start_from is not None else None
-    task = prepare_task(analysis, compiled, model, start, progress)
+    task = prepare_task(analysis, compiled, model, start, progress, is_judged=is_judged)
     texts = {"scene": model.source.text} if model.source is not None else {}
     texts |= task.texts
     missing = {NOT_CONTAINED: lack} if (lack := not_contained(model, bodies)) else {}
@@ -151,8 +155,9 @@ def select_analysis(model: Model, name: str | None, starts_from_result: bool = F
 
 
 def prepare_task(
-    analysis: str, compiled: Compiled, model: Model, start: StartState | None, progress: Progress
-) -> Task:
+    analysis: str, compiled: Compiled, model: Model, start: StartState | None, progress: Progress,
+    *, is_judged: bool = True,
+) -> Task:  # fmt: skip
     """Load the compiled units and compute the initial state of an analysis.
 
     Parameters
@@ -192,7 +197,7 @@ def prepare_task(
     return Task(
         analysis,
         model.dynamics.n_rows,
-        lambda sink: run_dynamics(prepared, sink, progress=progress),
+        lambda sink: run_dynamics(prepared, sink, progress=progress, is_judged=is_judged),
         notes,
         {DAMPING: damping_text(prepared.dampings)} if prepared.dampings else {},
     )

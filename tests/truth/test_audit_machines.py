@@ -9,10 +9,10 @@ from truth.test_audit import beam_fields, find, share_between
 import flexmb
 from flexmb.model import Model
 from flexmb.model.scenes.effects import with_words
-from flexmb.workflow.audit import scene_effects
 from flexmb.workflow.effect import OUT_OF_PLANE
 from flexmb.workflow.effect_estimates import Estimates
 from flexmb.workflow.neighbours import ModelVariants
+from flexmb.workflow.scene_effects import scene_effects
 from tests.benchmarks.audit_honesty import random_model
 
 pytestmark = pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")

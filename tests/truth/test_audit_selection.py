@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import numpy as np
+import pytest
 from flexiblescenes import BEAM_PERIOD, STEEL
 
 import flexmb
@@ -12,6 +13,7 @@ from flexmb.errors import FlexmbError
 from flexmb.model import Model
 from flexmb.workflow.effect import BOTH, MODES
 from flexmb.workflow.effect_estimates import Estimates
+from flexmb.workflow.run import run_single
 
 
 def swinging_bar(modes, **words):
@@ -46,6 +48,33 @@ def test_an_effect_whose_estimate_fails_is_taken_in(monkeypatch, tmp_path):
     chosen = json.loads(run.texts["effects"])
     assert chosen["words"]["bar"]["geometric_stiffening"] == "full"
     assert [step[4] for step in chosen["steps"] if step[3] == BOTH] == ["not known"]
+
+
+def test_what_nothing_may_switch_is_estimated_once(monkeypatch, tmp_path):
+    """The scene states the number of modes: where another effect is taken in, what more modes would
+    do decides nothing."""
+    known, asked = Estimates.estimate, []
+
+    def estimate(self, effect):
+        asked.append((effect.name, effect.on))
+        return known(self, effect)
+
+    monkeypatch.setattr(Estimates, "estimate", estimate)
+    model = swinging_bar(4)
+    model.set_effects(choice="auto", budget=1e-5)
+    run = flexmb.simulate(model, output=tmp_path / "auto")
+    taken = {step[0] for step in json.loads(run.texts["effects"])["steps"]}
+    assert taken == {"1", "2"}
+    assert asked.count((MODES, False)) == 1
+
+
+def test_runs_of_an_audit_end_at_no_bound(tmp_path):
+    model = swinging_bar(4)
+    model.set_validity(deflection=1e-6)
+    with pytest.raises(FlexmbError, match="bound 1e-06"):
+        run_single(model, tmp_path / "judged", pictures=False)
+    report = run_single(model, tmp_path / "not", pictures=False, is_judged=False)
+    assert flexmb.load_result(report.result).status == "finished"
 
 
 def test_more_modes_stand_beside_the_static_responses_that_a_body_has(tmp_path):

@@ -221,3 +221,10 @@ def test_mistakes_of_the_command(tmp_path, monkeypatch, words, message):
     done = inverse(*words)
     assert done.exit_code == 2, done.output
     assert message in done.stderr
+
+
+def test_bodies_of_a_locked_mechanism_are_not_said_to_bend_by_nothing(tmp_path):
+    scene = "cases/misaligned_four_bar/scene.toml"
+    run = inverse(scene, "-o", str(tmp_path / "out"))
+    assert "the mechanism is locked" in " ".join(run.output.split())
+    assert "would bend it by" not in " ".join(run.output.split())

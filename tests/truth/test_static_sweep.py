@@ -201,3 +201,49 @@ def test_the_table_of_a_sweep_shows_no_round_off(tmp_path):
     run = CliRunner().invoke(app, ["statics", str(path), "--vary", "F=0..20:5"])
     assert run.exit_code == 0, run.output
     assert "end.x" in run.output and "e-1" not in run.output
+
+
+PIN = """
+title = "pin"
+plane = "xy"
+gravity = [0, -9.81, 0]
+[bodies.bar]
+mass = 1.0
+inertia = [1, 1, 1]
+center = [0.5, 1.0, 0]
+[joints.pin]
+type = "revolute"
+between = ["ground", "bar"]
+axis = "z"
+"""
+STAY = """
+[forces.stay]
+type = "rotational-spring-damper"
+joint = "pin"
+stiffness = 50.0
+"""
+
+
+def test_a_scene_without_sensors_has_no_channels_to_draw(tmp_path, monkeypatch):
+    """Empty axes were drawn."""
+    monkeypatch.chdir(tmp_path)
+    Path("pin.toml").write_text(PIN + STAY, encoding="utf-8")
+    words = ["statics", "pin.toml", "--vary", "time=0,1"]
+    run = CliRunner().invoke(app, [*words, "-o", "a.svg"])
+    assert run.exit_code == 2 and "the scene has no sensor" in run.output, run.output
+    assert not Path("a.svg").exists()
+    assert CliRunner().invoke(app, words).exit_code == 0
+
+
+@pytest.mark.parametrize(("center", "is_steady"), [("[0.5, 1.0, 0]", False), ("[0, 1, 0]", True)])
+def test_growth_where_a_state_is_not_steady_is_no_instability(
+    tmp_path, monkeypatch, center, is_steady
+):
+    """An inverted pendulum that leans begins to fall; upright it may stay, and is unstable."""
+    monkeypatch.chdir(tmp_path)
+    Path("pin.toml").write_text(PIN.replace("[0.5, 1.0, 0]", center), encoding="utf-8")
+    run = CliRunner().invoke(app, ["modes", "pin.toml", "--about", "undeformed"])
+    assert run.exit_code == 0, run.output
+    said = " ".join(run.output.split())
+    assert ("unstable: a mode grows by a factor of e in" in said) == is_steady
+    assert ("does not show whether it is stable" in said) != is_steady

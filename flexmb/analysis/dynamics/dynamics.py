@@ -161,7 +161,9 @@ def _friction_notes(model: Model) -> Iterator[str]:
             )
 
 
-def run_dynamics(prepared: PreparedDynamics, sink: Sink, *, progress: Progress = silent) -> Outcome:
+def run_dynamics(
+    prepared: PreparedDynamics, sink: Sink, *, progress: Progress = silent, is_judged: bool = True
+) -> Outcome:
     """Integrate a prepared run to its end, pass by pass.
 
     Parameters
@@ -172,12 +174,14 @@ def run_dynamics(prepared: PreparedDynamics, sink: Sink, *, progress: Progress =
         Takes output rows and, after each chunk, the complete state.
     progress : Progress
         Receives the phase `integrate`.
+    is_judged : bool
+        Whether to examine if the equations are valid; without, no bound ends the run.
     """
     notes, spec, compiled = list(prepared.notes), prepared.spec, prepared.run.compiled
     finished: PreparedDynamics | None = None  # the pass before, if it reached the end
     reason = ""  # why there was a second pass
     while True:
-        current = _Pass(prepared, sink, progress)
+        current = _Pass(prepared, sink, progress, is_judged)
         ending = run_chunks(current, progress)
         if ending.status == "failed" and current.growth.sentence:
             ending = Ending("failed", current.growth.sentence)
@@ -242,7 +246,9 @@ class _Pass:
 
     phase = "integrate"
 
-    def __init__(self, prepared: PreparedDynamics, sink: Sink, progress: Progress) -> None:
+    def __init__(
+        self, prepared: PreparedDynamics, sink: Sink, progress: Progress, is_judged: bool
+    ) -> None:
         self._prepared, self._sink, self._progress = prepared, sink, progress
         compiled, model = prepared.run.compiled, prepared.model
         self._contact_loss = ContactLossMonitor(compiled)
@@ -254,7 +260,7 @@ class _Pass:
         may_ring = integrator.prefers_constant_step == 1 and not integrator.collocation
         self._ringing = RingingMonitor(compiled, model, step if may_ring else 0.0)
         self._steps = StepRows(prepared.run, self._ringing.looks)
-        self._validity = ValidityMonitor(compiled, model, prepared.first.q)
+        self._validity = ValidityMonitor(compiled, model, prepared.first.q, is_judged=is_judged)
         self._peaks = MissedPeaks(compiled, model)
         self.growth = GrowthMonitor(compiled, model)
         self._begins = prepared.rows_before == 0

@@ -83,18 +83,21 @@ class ValidityMonitor:
         First positions.
     is_motion : bool
         Whether the rows are a motion, not separate equilibria.
+    is_judged : bool
+        Whether rows are examined; without, only the cause of a failure is.
     """
 
     def __init__(
-        self, compiled: Compiled, model: Model, q: NDArray[np.float64], is_motion: bool = True
-    ) -> None:
+        self, compiled: Compiled, model: Model, q: NDArray[np.float64], is_motion: bool = True,
+        *, is_judged: bool = True,
+    ) -> None:  # fmt: skip
         self._spec = model.validity or ValiditySpec()
         self._elasticity = LinearElasticityMonitor(compiled, model, q)
         self._basis = ModalBasisMonitor(compiled, model, is_motion)
         self._load_factor = LoadFactorMonitor(compiled, model, q, is_motion)
         self._inertia = _inertia_monitor(compiled, model, q)
         self._monitors: tuple[Monitor, ...] = ()  # all of them are of flexible bodies
-        if compiled.system.parts.bodies["m"].any():
+        if is_judged and compiled.system.parts.bodies["m"].any():
             bars = OmittedStiffeningMonitor(compiled, model, q, self._load_factor, is_motion)
             self._monitors = (
                 self._elasticity,

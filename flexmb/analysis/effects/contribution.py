@@ -48,6 +48,7 @@ _AT_REST_SHARE = 1e-3  # range in the run over that with the change of a sensor 
 _SYMMETRY = 0.2  # change by all bodies over that by one, below which the changes cancel
 _TIMED_EVALUATIONS = 50  # evaluations of the equations to measure their time
 _RINGING_FLOOR = 1e-3  # least scale of fast vibrations, over the largest range of the unit
+_NO_VIBRATION = 1e4  # the same, over round-off
 _CUBIC = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0  # a row minus the cubic through its neighbours
 _SECOND_ORDER = 1e-2  # change over the range of a channel above which it may be of second order
 _LINEARITY = 0.3  # largest relative difference of the estimate along the changed motion
@@ -151,7 +152,7 @@ def contributions(
     """
     sizes: dict[str, tuple[str, float, float]] = {}
     symmetric: set[str] = set()
-    rings = [fast_shares(model, x, names) for x in histories[:-1]]
+    rings = [fast_shares(model, x, names, least) for x in histories[:-1]]
     rests: dict[str, float] = {}
     largest: dict[str, float] = {}
     owners = {**model.sensors, **model.states, **model.controllers}
@@ -176,11 +177,14 @@ def contributions(
     return result
 
 
-def fast_shares(model: Model, history: Array, names: tuple[str, ...]) -> dict[str, float]:
+def fast_shares(
+    model: Model, history: Array, names: tuple[str, ...], least: Mapping[str, float] | None = None
+) -> dict[str, float]:
     """Difference of rows from the cubic through their neighbours (rms), over each sensor's range.
 
     It is small for motions that the rows resolve: 0.01 of a vibration with 0.5 rad from row to row,
-    0.14 of one with 1 rad. Single jumps contribute little.
+    0.14 of one with 1 rad. Single jumps contribute little, and so does `least`, from `round_off`:
+    no number of rows resolves noise.
     """
     from scipy.ndimage import correlate1d
 
@@ -193,7 +197,11 @@ def fast_shares(model: Model, history: Array, names: tuple[str, ...]) -> dict[st
         rms = float(np.sqrt((apart**2).sum(axis=1).mean())) if len(apart) else 0.0
         sizes[name] = unit, float(np.ptp(x, axis=0).max(initial=0.0)), rms
         largest[unit] = max(largest.get(unit, 0.0), sizes[name][1])
-    floors = {name: max(one[1], _RINGING_FLOOR * largest[one[0]]) for name, one in sizes.items()}
+    still = {unit: _NO_VIBRATION * (least or {}).get(unit, 0.0) for unit in largest}
+    floors = {
+        name: max(size, _RINGING_FLOOR * largest[unit], still[unit])
+        for name, (unit, size, _) in sizes.items()
+    }
     return {k: one[2] / floors[k] if floors[k] > 0.0 else 0.0 for k, one in sizes.items()}
 
 

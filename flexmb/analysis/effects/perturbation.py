@@ -47,6 +47,7 @@ from flexmb.flexbody.arrays import Array
 _ENDS = 5  # rows at the ends of splines, where rates on rotating bodies are inaccurate
 _CLOSINGS = 2  # Newton steps to close joints for the full displacements
 _CLOSED = 0.01  # gap that may remain over the gap before
+_WELL_CLOSED = 1e-5  # the same, below which there is no further step
 _NO_TIME = 0.01  # response time of modes without inertia over the interval of rows
 _MOST_VIBRATIONS = 80  # largest number of vibrations; faster unresolved ones only follow loads
 _SPAN = 0.5  # phase of the slowest omitted vibration over which rates of condensed modes are taken
@@ -169,6 +170,8 @@ def _closure(
             step = closing[k] @ (of.rows[k] @ equations.work.con.C)
             gap[k] = np.abs(step).max(initial=0.0)
             closed[k] -= step
+        if gap.max(initial=0.0) <= _WELL_CLOSED * gaps[0].max(initial=0.0):
+            break
     most = max(_CLOSED * gaps[0].max(initial=0.0), _SMALL**2)
     return closed if np.all(gaps[-1] <= most) else None
 

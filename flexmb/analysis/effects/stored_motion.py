@@ -50,8 +50,8 @@ class Motion:
         """Set the state of the equations to row k."""
         state = equations.state
         state.t[0], state.angles[:] = self.t[k], self.channels[k]
-        for name in ("q", "v", "vd", "lam"):
-            getattr(state, name)[:] = getattr(self, name)[k]
+        state.q[:], state.v[:] = self.q[k], self.v[k]
+        state.vd[:], state.lam[:] = self.vd[k], self.lam[k]
         if self.history is not None:
             state.history[:] = self.history[k]
 

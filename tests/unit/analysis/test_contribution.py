@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -19,7 +20,7 @@ from flexmb.analysis.effects.stored_motion import Motion
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
 from flexmb.units import unit_system
-from flexmb.workflow.audit import _outcome
+from flexmb.workflow.audit import EffectOutcome, _outcome
 from flexmb.workflow.effect import Effect
 from flexmb.workflow.effect_selection import Selection, _switch_on
 
@@ -125,6 +126,33 @@ def test_what_rings_faster_than_the_rows_is_what_neighbours_do_not_tell(phase) -
     assert told == pytest.approx(0.01 * (1.0 - cubic) / np.sqrt(2.0) / 2.02, rel=0.02)
 
 
+def test_round_off_of_a_sensor_at_rest_does_not_ring() -> None:
+    model = Model("ball")
+    model.add_body("ball", mass=1.0, inertia=[1.0] * 3)
+    model.add_sensor("ball", "position", of="ball")
+    noise = 1e-12 * np.random.default_rng(1).standard_normal((401, 3))
+    names = ("ball.x", "ball.y", "ball.z")
+    assert fast_shares(model, noise, names)["ball"] > 0.05
+    assert fast_shares(model, noise, names, {"m": 1e-13})["ball"] < 3e-3
+
+
+@pytest.mark.parametrize(("little", "decides"), [(0.0, True), (2e-3, True), (4e-3, False)])
+def test_effects_that_nothing_switches_may_wait_if_they_do_not_decide(little, decides) -> None:
+    """Up to half of the budget may be left out together: 0.5 %. One more may be as large as 0.2 %
+    beside 0.2 %, but not 0.4 beside 0.4 %."""
+
+    def effect(name: str, share: float) -> EffectOutcome:
+        return EffectOutcome(
+            name, "rod", False, "rigid", share, "", "tip", None, "", "", {"tip": share}
+        )
+
+    selection = Selection({"rod": {"deformation": "rigid"}, "bar": {"deformation": "rigid"}})
+    found = [effect("deformation", 0.3), replace(effect("deformation", little), body="bar")]
+    assert _switch_on(selection, found, 1, number="1", budget=0.01) == decides
+    assert selection.words["rod"]["deformation"] == ("quasi-static" if decides else "rigid")
+    assert selection.words["bar"]["deformation"] == "rigid"
+
+
 @pytest.mark.parametrize("rings", [0.0, 0.1])
 def test_no_small_number_is_told_where_a_sensor_rings_faster_than_the_rows(rings) -> None:
     of = SimpleNamespace(
@@ -135,7 +163,7 @@ def test_no_small_number_is_told_where_a_sensor_rings_faster_than_the_rows(rings
     assert made.share == (None if rings else 2e-3)
     assert made.verdict == ("not known" if rings else "may stay off")
     selection = Selection({"rod": {"deformation": "quasi-static"}})
-    assert _switch_on(selection, [made], "1", 0.01) == bool(rings)
+    assert _switch_on(selection, [made], 0, number="1", budget=0.01) == bool(rings)
     assert selection.words["rod"]["deformation"] == ("dynamic" if rings else "quasi-static")
 
 
@@ -153,7 +181,7 @@ def test_what_vibrates_is_not_made_quasi_static(vibration) -> None:
         for name in ("deformation", "vibration")
     ]
     selection = Selection({"rod": {"deformation": "rigid"}})
-    assert _switch_on(selection, made, "1", 0.01)
+    assert _switch_on(selection, made, 0, number="1", budget=0.01)
     assert selection.words["rod"]["deformation"] == "dynamic"
 
 
