@@ -171,7 +171,7 @@ def assert_reached_at(size, name, method):
     for accuracy in (1e-4, 1e-6):
         found = assert_reached(name, method, accuracy, SCENES[name].make(size), size=size)
         plain = assert_reached(name, method, accuracy)
-        assert found.steps == pytest.approx(plain.steps, rel=0.35)
+        assert found.steps == pytest.approx(plain.steps, rel=0.5)
 
 
 @pytest.mark.parametrize(("name", "method"), changed("1 µm"))
