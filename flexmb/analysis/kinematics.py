@@ -254,15 +254,20 @@ class _StaticDeflection:
         self._monitor.add(replace(rows, q=q))
 
     def notes(self) -> list[str]:
-        """A sentence on each body that would bend."""
-        return [
-            f"kinematics keeps bodies.{one.body} undeformed: its loads and its inertia would bend "
-            f"it by {one.value:.2g} of its length (statically, t = "
-            f"{self._units.say(one.time, 's', 4)}); run the scene with [dynamics] for the motion "
-            "with deformation"
-            for one in self._monitor.indicators()
-            if one.quantity == "deflection" and one.value > 0.0
-        ]
+        """A sentence on each body, with its deflection if that is known."""
+        notes = []
+        for one in self._monitor.indicators():
+            if one.quantity == "deflection":
+                time = self._units.say(one.time, "s", 4)
+                bends = (
+                    ": its loads and its inertia would bend it by "
+                    f"{one.value:.2g} of its length (statically, t = {time})"
+                ) if one.value > 0.0 else ""  # fmt: skip
+                notes.append(
+                    f"kinematics keeps bodies.{one.body} undeformed{bends}; run the scene with "
+                    "[dynamics] for the motion with deformation"
+                )
+        return notes
 
 
 class _Run:

@@ -243,7 +243,7 @@ class _Path:
     @staticmethod
     def way(a: SweepPoint, b: SweepPoint) -> float:
         """Distance of two equilibria, over the model size or in radians."""
-        return separation(a.equilibrium.compiled, a.q, b.q)[0]
+        return _apart(a, b)[0]
 
     def jump(self, low: SweepPoint, high: SweepPoint) -> SweepEvent | None:
         """The limit point between two values; None if the branch is continuous."""
@@ -259,7 +259,7 @@ class _Path:
                 high = middle
             if self.way(low, high) < _JUMP_SHARE * whole:
                 return None
-        far, body = separation(low.equilibrium.compiled, low.q, high.q)
+        far, body = _apart(low, high)
         return SweepEvent(
             "limit point", low.value, high.value,
             f"limit point between {self._name} = {low.value:.9g} and {high.value:.9g}: the "
@@ -299,3 +299,9 @@ def _columns(compiled: Compiled) -> tuple[object, ...]:
     """Columns that must be the same in two models if one begins at the other's equilibrium."""
     layout = compiled.layout
     return layout.bodies, layout.coordinates, layout.channels
+
+
+def _apart(a: SweepPoint, b: SweepPoint) -> tuple[float, str]:
+    """Distance of two equilibria, over the model size or in radians, and its body."""
+    compiled = a.equilibrium.compiled
+    return separation(compiled, a.equilibrium.state.q, compiled.layout.of_equations(b.q)[0])

@@ -66,7 +66,7 @@ def _effects_of_body(
     from flexmb.analysis.effects.contribution import indicators
     from flexmb.engine.ordering import quasi_static
 
-    body = compiled.flexbodies[name]
+    body = compiled.bodies[name]
     if body.m == 0:
         if whole.m or spec.deformation == "rigid":
             yield Effect(DEFORMATION, name, False, "rigid", DYNAMIC)

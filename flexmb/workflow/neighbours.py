@@ -224,11 +224,13 @@ class ModelVariants:
         from flexmb.engine.compile import compile_system
 
         compiled = compile_system(model, bodies)
-        q = compiled.initial_q.copy()
+        (q,), (first,) = (
+            one.layout.of_frames(place)
+            for one, place in ((compiled, compiled.initial_q), (self.compiled, self.motion.q[0]))
+        )
         for now, then in zip(compiled.layout.bodies, self.compiled.layout.bodies, strict=True):
-            q[now.iq : now.iq + 7] = self.motion.q[0, then.iq : then.iq + 7]
-            shift = np.subtract(self.compiled.layout.origin, compiled.layout.origin)
-            q[now.iq : now.iq + 3] += shift
+            q[now.iq : now.iq + 7] = first[then.iq : then.iq + 7]
+        (q,) = compiled.layout.of_equations(q)
         return choose_static_modes(add_damping(compiled, model, q)[0], q)
 
     def _run(self, model: Model, name: str) -> Result:

@@ -31,7 +31,7 @@ from flexmb.engine.state import Work
 from flexmb.engine.tables import BodyColumns, System
 from flexmb.errors import AssemblyError, Problem
 from flexmb.flexbody import FlexBody
-from flexmb.flexbody.arrays import Array, IntArray
+from flexmb.flexbody.arrays import Array, IntArray, skew
 from flexmb.flexbody.natural_modes import Vibrations, mass_at_rest
 from flexmb.model.markers import rotation_matrix
 
@@ -164,6 +164,31 @@ def _mass(system: System, k: int, body: FlexBody | None) -> Array:
         return mass_at_rest(body.mass, body.S1, body.S0, body.p, body.P, M_eta)
     no = np.zeros
     return mass_at_rest(row["mass"], row["S1"], row["S0"], no((3, 0)), no((3, 3, 0)), no((0, 0)))
+
+
+def mobilities(compiled: Compiled) -> tuple[Array, list[Array]]:
+    """Largest displacement and rotation of any marker by a motion of its body with the kinetic
+    energy ½, and L of each body with L Lᵀ its inverse mass matrix, in body axes.
+
+    Infinite, and NaN, if a body has a motion without mass.
+    """
+    system, largest, roots = compiled.system, np.zeros(2), list[Array]()
+    parts, eye = system.parts, np.eye(3)
+    for k, columns in enumerate(compiled.layout.bodies):
+        M, m = _mass(system, k, compiled.bodies.get(columns.name)), columns.m
+        values, Q = np.linalg.eigh(M)
+        massive = values[0] > _NO_MASS * values[-1]
+        roots.append(Q / np.sqrt(values) if massive else np.full_like(M, np.nan))
+        for marker in parts.markers[parts.markers["body"] == k]:
+            Phi_t, Phi_r, at = np.zeros((3, m)), np.zeros((3, m)), int(marker["modes"])
+            if at >= 0:
+                both = parts.pool[at : at + 6 * m].reshape(6, m)
+                Phi_r, Phi_t = both[3:], both[:3] - skew(marker["arm"]) @ both[3:]
+            arm = skew(marker["rho"] + marker["arm"])
+            moved = np.hstack([eye, -arm, Phi_t]), np.hstack([0.0 * eye, eye, Phi_r])
+            sizes = [float(np.linalg.norm(x @ roots[k], 2)) if massive else np.inf for x in moved]
+            largest = np.maximum(largest, sizes)
+    return largest, roots
 
 
 def condensation(M: Array, K: Array) -> tuple[Array, Array, IntArray]:

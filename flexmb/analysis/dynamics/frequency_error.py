@@ -20,8 +20,8 @@ those of the row, with the springs, forces and damping there; they are computed 
 or the speed of rotation differs, and used for all rows near it.
 
 An undamped vibration is δ = ∫ cos ω(t − s) dS(s), so that the total variation of S, in norms of the
-mass matrix, is a bound of δ whatever the frequencies and poses. While it is too small to matter at
-any sensor, nothing else is computed.
+mass matrices of the bodies, is a bound of δ whatever the frequencies, poses and joints. While it is
+too small to matter at any marker, nothing else is computed.
 """
 
 from __future__ import annotations
@@ -35,6 +35,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag, eigh
 
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, one_blas_thread
+from flexmb.analysis.assembly.mechanism_modes import mobilities
 from flexmb.analysis.dynamics.linear_elasticity import flexible_columns, in_body_axes
 from flexmb.analysis.linear.observer import MinimalEquations, RowsAlongMotion, body_axes
 from flexmb.analysis.linear.state_equations import StateEquations
@@ -52,7 +53,8 @@ from flexmb.units import percent
 
 #: Change of a position sensor over its range from which a run says so.
 LARGEST_CHANGE = 0.01
-_KINDS = ("position", "distance", "angle", "second_angle", "stroke")  # sensors that are judged
+_ANGLES = ("angle", "second_angle")
+_KINDS = ("position", "distance", "stroke", *_ANGLES)  # sensors that are judged
 _RESOLVED = 2.0  # phase of a vibration between two rows [rad] up to which rows show it
 _NEAR = 0.4  # rotation between two bodies [rad], or speed over frequency, of another pose
 _MOST_POSES = 24
@@ -61,8 +63,7 @@ _LEAST_PHASE = 5e-3  # by which vibrations get out of phase within the run, that
 _LEAST_CYCLES = 0.5  # of a vibration in the run
 _GROWTH = 0.02  # of a motion, over its frequency, from which it is unstable
 _OMITTED_DAMPING = 0.01  # damping ratio of modes that are left out
-# The bound is that of the first pose times the first number; it is small below this change.
-_POSES_MAY_DIFFER, _SMALL_CHANGE = 3.0, 0.3 * LARGEST_CHANGE
+_SMALL_CHANGE = 0.5 * LARGEST_CHANGE  # below which the bound of a change needs no further look
 _STEP = 1e-4  # of a motion for differences of sensors, over the size of the model
 _LEAST_RANGE = 1e-7  # range of a sensor, over the size of the model, that is a motion
 
@@ -128,7 +129,6 @@ class _Pose:
     vectors: NDArray[np.complex128]  # (2 (d + o), k)
     kick: NDArray[np.complex128]  # (k, forces) change by a change of the rate of S, and of y
     start: NDArray[np.complex128]  # (k, 2 (d + o)) from states
-    impulse: Array  # (d, forces) on the modes of the run, by a change of S and of y
     seen: Array  # (channels, d) change of the sensors
 
     def is_exact(self, duration: float) -> bool:
@@ -152,6 +152,7 @@ class FrequencyErrorMonitor:
         small = compiled.layout.nv <= MAX_COORDINATES
         pairs = flexible_columns(compiled) if small and not still else ()
         self._bodies = [one for pair in pairs if (one := _Body.of(*pair)) is not None]
+        self._numbers = [compiled.layout.bodies.index(one.columns) for one in self._bodies]
         channels = compiled.layout.channels
         self._sensors = {
             name: [k for k, one in enumerate(channels) if one.partition(".")[0] == name]
@@ -160,6 +161,7 @@ class FrequencyErrorMonitor:
         }
         self._poses: list[tuple[Array, _Pose]] = []
         self._equations: StateEquations | None = None
+        self._reach: tuple[Array, list[Array]] | None = None
         self._variation, self._counts = np.zeros(1), np.zeros(1, bool)
         self._joined = _relative_rotations(compiled, model)
         n_o, nv = sum(len(one.omega) for one in self._bodies), compiled.layout.nv
@@ -188,8 +190,6 @@ class FrequencyErrorMonitor:
             if not steps.any():
                 return
             self._interval = np.array([np.median(steps[steps > 0.0])])
-        if not self._poses:
-            self._poses.append((self._marks(rows.part(0, 1))[0], self._pose(rows, 0)))
         self._counts |= self._may_count(table)
         if not self._counts[0]:
             self._rest(table)
@@ -209,22 +209,30 @@ class FrequencyErrorMonitor:
 
     def _may_count(self, table: Array) -> bool:
         """Whether the variation of the forces so far may change a sensor by what counts."""
-        pose = self._poses[0][1]
-        impulses = np.diff(np.vstack([self._row[0], table])[:, 1:], axis=0) @ pose.impulse.T
-        self._variation += np.linalg.norm(impulses, axis=1).sum()
-        seen = [np.linalg.norm(pose.seen[columns], 2) for columns in self._sensors.values()]
-        changes = _POSES_MAY_DIFFER * self._variation[0] * np.array(seen)
-        return bool(np.any(changes > _SMALL_CHANGE * np.array(self._ranges())))
+        self._reach = reach, roots = self._reach or mobilities(self._compiled)
+        steps = np.diff(np.vstack([self._row[0], table])[:, 1:], axis=0)
+        first, squares = sum(len(one.C[0]) for one in self._bodies), np.zeros(len(steps))
+        for one, number in zip(self._bodies, self._numbers, strict=True):
+            own, left_out = len(one.C[0]), len(one.omega)
+            force = steps[:, :own] + steps[:, first : first + left_out] @ (one.force @ one.C)
+            squares += ((force @ roots[number]) ** 2).sum(axis=1)
+            steps, first = steps[:, own:], first - own + left_out
+        self._variation += np.sqrt(squares).sum()
+        turns = [int(self._model.sensors[name].type in _ANGLES) for name in self._sensors]
+        changes = 2.0 * self._variation[0] * reach[turns]  # of both ends
+        return not bool(np.all(changes <= _SMALL_CHANGE * np.array(self._ranges())))
 
     def _ranges(self) -> list[float]:
         """Range of each sensor so far; infinite for one that does not move."""
-        sizes = [float(np.ptp([self._least[at], self._most[at]], axis=0).max())
-                 for at in self._sensors.values()]  # fmt: skip
+        ranges = self._most - self._least
+        sizes = [float(ranges[at].max()) for at in self._sensors.values()]
         return [x if x > _LEAST_RANGE * self._compiled.length else np.inf for x in sizes]
 
     def _near(self, rows: OutputBlock) -> NDArray[np.int64]:
         """(t,) number of the pose whose vibrations count for each row; new ones are computed."""
         marks, near = self._marks(rows), np.zeros(len(rows.t), np.int64)
+        if not self._poses:
+            self._poses.append((marks[0], self._pose(rows, 0)))
         away = [np.linalg.norm(marks - mark, axis=1) for mark, _ in self._poses]
         first = 0
         while first < len(marks):
@@ -268,10 +276,9 @@ class FrequencyErrorMonitor:
         state.t[0], state.angles[:] = rows.t[k], 0.0
         for name in ("q", "v", "vd", "lam"):
             getattr(state, name)[:] = getattr(rows, name)[k]
-        speeds = [np.linalg.norm(state.v[one.part][3:6]) for one in self._bodies]
-        observer = self._bodies[int(np.argmax(speeds))].columns.name
+        fastest = max(self._bodies, key=lambda one: float(np.linalg.norm(state.v[one.part][3:6])))
         along, tangents = RowsAlongMotion(compiled, state), equations.tangents()
-        of = MinimalEquations(along, tangents, observer)
+        of = MinimalEquations(along, tangents, fastest.columns.name)
         moves = ~of.coordinates.states
         N, Nd = of.coordinates.N[:, moves], of.coordinates.Nd[:, moves]
         M, D, K = (X[np.ix_(moves, moves)] for X in (of.mass, of.damping, of.stiffness))
@@ -310,13 +317,12 @@ class FrequencyErrorMonitor:
         seen: Array,
     ) -> _Pose:  # fmt: skip
         X, d, bodies, unit = motions[0], len(omega), self._bodies, self._interval[0]
-        force = [(one.force @ one.C @ X[one.part]) for one in bodies]  # (o, d) on modes left out
-        rests = [_congruent(one.rest, one.C @ X[one.part]) for one in bodies]
+        moved = [one.C @ X[one.part] for one in bodies]
+        force = [one.force @ x for one, x in zip(bodies, moved, strict=True)]  # on modes left out
+        rests = [x.T @ one.rest @ x for one, x in zip(bodies, moved, strict=True)]
         w = np.concatenate([one.omega for one in bodies])
         A, rest, n = np.concatenate(force), np.sum(rests, axis=0), d + len(w)
-        M = np.eye(n)
-        M[:d, :d] += omega[:, None] * rest * omega
-        M[:d, d:], M[d:, :d] = -A.T, -A
+        M = np.block([[np.eye(d) + omega[:, None] * rest * omega, -A.T], [-A, np.eye(len(w))]])
         D = block_diag(matrices[0], np.diag(2.0 * _OMITTED_DAMPING * w))
         K = block_diag(matrices[1], np.diag(w**2))
         energies = [
@@ -340,8 +346,7 @@ class FrequencyErrorMonitor:
         rates = np.repeat([1.0, unit], n)  # states have the interval as the unit of time
         return _Pose(
             *motions, omega, shares.sum(axis=0), shares, values[there] / unit,
-            vectors[:, there] / rates[:, None], kick[there], start[there] * rates, impulse[:d],
-            seen,
+            vectors[:, there] / rates[:, None], kick[there], start[there] * rates, seen,
         )  # fmt: skip
 
     def _integrate(self, pose: _Pose, table: Array) -> None:
@@ -436,10 +441,6 @@ def _relative_rotations(compiled: Compiled, model: Model) -> list[tuple[int, int
                 on_ground.append(high)
     pairs |= {(-1, k) for k in on_ground if on_ground.count(k) > 1}
     return sorted(pairs)
-
-
-def _congruent(form: Array, T: Array) -> Array:
-    return np.asarray(T.T @ form @ T)
 
 
 def _rotations(p: Array) -> Array:

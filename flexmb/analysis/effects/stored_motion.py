@@ -358,10 +358,15 @@ def carry_motion(
     q = np.tile(other.initial_q, (n, 1))
     v, vd, balance = (np.zeros((n, layout.nv)) for _ in range(3))
     residual = out_of_balance(own, motion)
-    mine = {body.name: body for body in own.layout.bodies}
+    mine, moved = {body.name: body for body in own.layout.bodies}, motion
+    points = [(one.origin, one.references) for one in (own.layout, layout)]
+    if points[0] != points[1]:  # in between, the motion of frames
+        frames = own.layout.of_frames(motion.q, motion.v, motion.vd)
+        moved = replace(motion, q=frames[0], v=frames[1], vd=frames[2])
     for body in layout.bodies:
-        _carry_body(motion, residual, mine[body.name], body, shapes, (q, v, vd, balance))
-        q[:, body.iq : body.iq + 3] += np.subtract(own.layout.origin, layout.origin)
+        _carry_body(moved, residual, mine[body.name], body, shapes, (q, v, vd, balance))
+    if points[0] != points[1]:
+        q, v, vd = layout.of_equations(q, v, vd)
     names = own.layout.coordinates
     for k, name in enumerate(layout.coordinates):
         if name in names:
