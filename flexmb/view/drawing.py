@@ -13,6 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from flexmb.engine.geometry import reference_points
 from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.model.reading import GROUND, split_reference
 from flexmb.model.scenes.sections import ViewSpec
@@ -196,20 +197,20 @@ class Drawing:
 
     def _size(self, display: Display) -> float:
         """Diagonal of the box around everything at the start [m]; 1 for a single point."""
-        mechanism = self.mechanism
-        clouds = []
-        for name in mechanism.model.bodies:
-            references = mechanism.used_markers(name)
-            clouds.append(np.array([display.frame(name)[:3, 3], *map(display.point, references)]))
+        mechanism, clouds = self.mechanism, []
+        points = reference_points(mechanism.model, mechanism.flexbodies)
+        for name, point in zip(mechanism.model.bodies, points, strict=True):
+            own = [] if point.any() else [display.frame(name)[:3, 3]]
+            own += map(display.point, mechanism.used_markers(name))
+            clouds.append(np.array(own).reshape(-1, 3))
             shape = own_shape(mechanism, name)
             if shape is not None:
                 clouds.append(applied(display.frame(name), shape.points))
             surface = display.surface(name) if name in mechanism.flexbodies else None
             if surface is not None:
                 clouds.append(surface[1])
-        grounded = [display.point(ref) for ref in mechanism.used_markers(GROUND)]
-        clouds.append(np.array(grounded).reshape(-1, 3))
-        return size_of(np.vstack(clouds)) or 1.0
+        grounded = np.array([display.point(ref) for ref in mechanism.used_markers(GROUND)])
+        return size_of(np.vstack([*clouds, grounded.reshape(-1, 3)])) or 1.0
 
     def _pin(self, display: Display) -> float:
         """Radius of a pin [m]."""
