@@ -17,6 +17,8 @@ from flexmb.engine.compile import compile_system
 from flexmb.fe import rectangle, reduce
 from flexmb.flexbody.effects import about_point
 from flexmb.model import Model
+from flexmb.view.drawing import Drawing
+from flexmb.view.mechanism import Mechanism
 
 FAR = np.array([1000.0, -500.0, 800.0])
 TILT = Rotation.from_rotvec([0.3, -0.2, 0.5])
@@ -242,3 +244,12 @@ def test_stiffening_and_its_guards_know_the_body_not_its_frame():
     assert [re.sub(r"\d\.?[\d.e+-]*", "#", one) for one in told[0]] == [
         re.sub(r"\d\.?[\d.e+-]*", "#", one) for one in told[1]
     ]
+
+
+def test_symbols_in_pictures_have_the_size_of_the_machine():
+    sizes = []
+    for frames_at in (None, [0, 0, 0]):
+        made = pendulum(FAR, frames_at)
+        made.set_dynamics(duration=0.1, outputs=1)
+        sizes.append(Drawing(Mechanism(flexmb.simulate(made))).size)
+    assert sizes[1] == pytest.approx(sizes[0])

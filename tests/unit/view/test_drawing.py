@@ -447,20 +447,3 @@ def test_a_plate_is_drawn_with_its_thickness(tmp_path: Path) -> None:
     volume = float(np.einsum("ti,ti->", np.cross(a, b), c) / 6)
     assert abs(volume) == pytest.approx(1.0 * 0.1 * 0.02, rel=1e-3)
     assert open_edges(body.faces) == 0
-
-
-def test_symbols_of_bodies_far_from_their_frames_have_the_size_of_the_machine():
-    """Two links on a pin, with frames on them and both at the origin, a kilometre away."""
-    sizes = []
-    for frames in ([1000.0, 0, 0], [0.0, 0, 0]):
-        made = Model("links")
-        made.add_marker("ground.pin", position=[1000, 0, 0])
-        made.add_body("link", mass=1.0, inertia=[0.01, 0.1, 0.1], position=frames,
-                      center=[1000.5 - frames[0], 0, 0])  # fmt: skip
-        made.add_marker("link.a", position=[1000 - frames[0], 0, 0])
-        made.add_marker("link.e", position=[1001 - frames[0], 0, 0])
-        made.add_joint("pin", "revolute", between=["ground.pin", "link.a"], axis="z")
-        made.add_force("pull", "force", at="link.e", value=[0, 1, 0])
-        made.set_dynamics(duration=0.1, outputs=1)
-        sizes.append(Drawing(Mechanism(simulate(made))).size)
-    assert sizes[1] == pytest.approx(sizes[0])
