@@ -167,10 +167,20 @@ def _mass(system: System, k: int, body: FlexBody | None) -> Array:
 
 
 def mobilities(compiled: Compiled) -> tuple[Array, list[Array]]:
-    """Largest displacement and rotation of any marker by a motion of its body with the kinetic
-    energy ½, and L of each body with L Lᵀ its inverse mass matrix, in body axes.
+    """What impulses on bodies that are free can move, as a bound for those that are joined.
 
-    Infinite, and NaN, if a body has a motion without mass.
+    Parameters
+    ----------
+    compiled : Compiled
+        The compiled model.
+
+    Returns
+    -------
+    largest : (2,) array
+        Largest velocity [m/s] and angular velocity [rad/s] of any marker by a motion of its body
+        with a kinetic energy of ½ J; infinite if a body has a motion without mass.
+    roots : list of (6 + m, 6 + m) array
+        L of each body, L Lᵀ its inverse mass matrix in body axes; NaN without mass.
     """
     system, largest, roots = compiled.system, np.zeros(2), list[Array]()
     parts, eye = system.parts, np.eye(3)

@@ -174,8 +174,8 @@ def add_marker_motion(channels: Channels, spec: MarkerSensorSpec) -> None:
             continue
         axes = GLOBAL_AXES if spec.axes == "global" else lowering.marker(spec.axes)
         terms = [Term(motion, -1, axes, j, a)]
-        near = motion is not POSITION or not lowering.markers.origin.any()
-        if spec.relative_to is not None or not near:
+        is_shifted = motion is POSITION and lowering.markers.origin.any()  # the origin of the axes
+        if spec.relative_to is not None or is_shifted:
             other = lowering.marker(spec.relative_to or "ground")
             terms.append(Term(motion, -1, axes, other, a, factor=-1.0))
         channels.add_sum(terms)
