@@ -20,13 +20,13 @@ from flexmb.analysis.assembly.jacobian import (
 )
 from flexmb.analysis.assembly.positions import close_rows
 from flexmb.analysis.chunked_run import ChunkRows
-from flexmb.analysis.dynamics.validity import ValidityMonitor
 from flexmb.analysis.equilibrium_solver import solve_equilibrium, spin_of
 from flexmb.analysis.linear.linearization import Linearization, linearize_state
 from flexmb.analysis.linear.observer import MinimalEquations, RowsAlongMotion
 from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.analysis.linear.state_space import actuators
 from flexmb.analysis.monitors import Indicator
+from flexmb.analysis.validity.validity_monitor import ValidityMonitor
 from flexmb.engine.allocation import new_run, new_work
 from flexmb.engine.compile import Compiled
 from flexmb.engine.compiled_calls import statics_units

@@ -24,7 +24,6 @@ from flexmb.analysis.chunked_run import (
     assemble_first_state,
     run_chunks,
 )
-from flexmb.analysis.dynamics.linear_elasticity import LinearElasticityMonitor, flexible_columns
 from flexmb.analysis.mobility.degrees_of_freedom import redundancy_note, redundant_reactions
 from flexmb.analysis.mobility.driver_conflicts import driver_reasons
 from flexmb.analysis.monitors import (
@@ -39,6 +38,7 @@ from flexmb.analysis.singular_poses import (
     kinematics_failure_sentence,
     singular_pose_notes,
 )
+from flexmb.analysis.validity.linear_elasticity import LinearElasticityMonitor, flexible_columns
 from flexmb.engine import method
 from flexmb.engine.allocation import new_path, new_run, new_state, new_work
 from flexmb.engine.compile import Compiled

@@ -22,12 +22,12 @@ from flexmb.analysis.chunked_run import (
     assemble_first_state,
     run_chunks,
 )
-from flexmb.analysis.dynamics.validity import ValidityMonitor
 from flexmb.analysis.equilibrium_search import Equilibrium, separation
 from flexmb.analysis.equilibrium_solver import solve_equilibrium, spin_of
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
 from flexmb.analysis.mobility.driver_conflicts import driver_reasons
 from flexmb.analysis.monitors import ContactLossMonitor, algebraic_loop_notes
+from flexmb.analysis.validity.validity_monitor import ValidityMonitor
 from flexmb.engine import method
 from flexmb.engine.allocation import new_run, new_work
 from flexmb.engine.compile import Compiled

@@ -23,7 +23,7 @@ from flexmb.workflow.neighbours import ModelVariants
 from flexmb.workflow.scene_effects import scene_effects
 
 if TYPE_CHECKING:
-    from flexmb.analysis.dynamics.validity import ValidityMonitor
+    from flexmb.analysis.validity.validity_monitor import ValidityMonitor
     from flexmb.results import Result
 
 
@@ -201,7 +201,7 @@ def audit_until(
         Numbers of rows that audits of similar runs have taken, to which that of this one is added:
         if the last one took all that it might, this one does not try fewer.
     """
-    from flexmb.analysis.dynamics.validity import ValidityMonitor
+    from flexmb.analysis.validity.validity_monitor import ValidityMonitor
     from flexmb.results.writer import store_text
 
     began = time.perf_counter()
@@ -294,7 +294,7 @@ def _verdict(on: bool, share: float, budget: float) -> str:
 
 def _membrane_forces(monitor: ValidityMonitor, budget: float) -> Iterator[EffectOutcome]:
     """What the membrane forces of plates and shells, which are left out, would contribute."""
-    from flexmb.analysis.dynamics.omitted_membrane_stiffness import LARGEST_SENSOR_CHANGE
+    from flexmb.analysis.validity.omitted_membrane_stiffness import LARGEST_SENSOR_CHANGE
 
     for one in monitor.indicators():
         if one.quantity == "membrane_forces":

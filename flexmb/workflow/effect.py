@@ -62,8 +62,8 @@ def body_effects(
 def _effects_of_body(
     name: str, spec: Any, model: Model, compiled: Compiled, motion: Motion, whole: FlexBody
 ) -> Iterator[Effect]:
-    from flexmb.analysis.dynamics.linear_elasticity import LEAST_SPEED
     from flexmb.analysis.effects.contribution import indicators
+    from flexmb.analysis.validity.linear_elasticity import LEAST_SPEED
     from flexmb.engine.ordering import quasi_static
 
     body = compiled.bodies[name]

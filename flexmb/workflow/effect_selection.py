@@ -192,7 +192,7 @@ def run_with_selected_effects(
     store_text(run.path, TEXT, selection.text())
     picture, history = draw_run(run, progress) if pictures else (None, None)
     steps = selection.steps or [("1", "", "nothing", "all stays within the budget", "", "")]
-    from flexmb.analysis.dynamics.validity import LEFT_OUT
+    from flexmb.analysis.validity.omitted_vibrations import LEFT_OUT
 
     beside = "; the sensors stay within the budget, stresses may not" if made.passed else ""
     notes = [note + beside * (LEFT_OUT in note) for note in report.notes]

@@ -15,7 +15,7 @@ from flexiblescenes import rod
 from scipy.optimize import brentq
 
 import flexmb
-from flexmb.analysis.dynamics.load_factor import _EULER, LoadFactorMonitor
+from flexmb.analysis.validity.load_factor import _EULER, LoadFactorMonitor
 from flexmb.fe import Mesh, part, rectangle, reduce
 from flexmb.model import Model
 from flexmb.workflow.neighbours import ModelVariants
@@ -77,7 +77,7 @@ def load_factor(model, duration=0.02, **knobs):
 
 @pytest.fixture
 def all_are_told(monkeypatch):
-    monkeypatch.setattr("flexmb.analysis.dynamics.load_factor.NEAR_BUCKLING", 1e-3)
+    monkeypatch.setattr("flexmb.analysis.validity.load_factor.NEAR_BUCKLING", 1e-3)
 
 
 @pytest.mark.parametrize("ends", EULER)
@@ -248,7 +248,7 @@ def test_the_load_factors_of_many_rows_are_those_of_each(monkeypatch):
     monitor, rows = LoadFactorMonitor(at.compiled, model, at.motion.q[0]), at.rows()
     values = monitor._values(rows, np.arange(len(at.motion.t)))[:, 0]
     np.testing.assert_allclose(values, 9 * at.motion.t / np.pi**2, atol=0.01)
-    monkeypatch.setattr("flexmb.analysis.dynamics.load_factor._MAX_ENTRIES", 400)
+    monkeypatch.setattr("flexmb.analysis.validity.load_factor._MAX_ENTRIES", 400)
     some = np.array([20, 3, 11])
     np.testing.assert_allclose(monitor._values(rows, some)[:, 0], values[some], rtol=1e-9)
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 
-from flexmb.analysis.dynamics.frequency_error import FrequencyErrorMonitor
+from flexmb.analysis.validity.frequency_error import FrequencyErrorMonitor
 from flexmb.engine.compile import compile_system
 from flexmb.fe import assemble, mesh_from, reduce
 from flexmb.fe.reduction.inertia_relief import inertia_loads

@@ -10,7 +10,7 @@ from flexiblescenes import rod
 from scipy.linalg import eigh, null_space
 
 import flexmb
-from flexmb.analysis.dynamics.deformed_inertia import DeformedInertiaMonitor, first_order_inertia
+from flexmb.analysis.validity.deformed_inertia import DeformedInertiaMonitor, first_order_inertia
 from flexmb.engine.compile import compile_system
 from flexmb.errors import SolverError
 from flexmb.flexbody.arrays import skew

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 
-from flexmb.analysis.dynamics.modal_basis import ModalBasisMonitor, _accelerations, _Oscillators
+from flexmb.analysis.validity.modal_basis import ModalBasisMonitor, _accelerations, _Oscillators
 from flexmb.engine.compile import compile_system
 from flexmb.errors import SolverError
 from flexmb.fe import assemble, mesh_from, reduce

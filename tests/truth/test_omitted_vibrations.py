@@ -8,7 +8,7 @@ from flexiblescenes import BEAM_PERIOD, rod
 from truth.test_effects import cantilever
 
 import flexmb
-from flexmb.analysis.dynamics.validity import VibrationResponse
+from flexmb.analysis.validity.omitted_vibrations import VibrationResponse
 from flexmb.errors import FlexmbWarning
 from flexmb.model import Model
 

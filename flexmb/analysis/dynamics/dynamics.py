@@ -42,9 +42,8 @@ from flexmb.analysis.dynamics.reached_accuracy import (
     steps_at_points,
 )
 from flexmb.analysis.dynamics.run_settings import loop_settings, time_grid, why_implicit
-from flexmb.analysis.dynamics.short_pulses import missed_pulses
-from flexmb.analysis.dynamics.validity import ValidityMonitor
 from flexmb.analysis.failure_messages import failure_sentence, gaps_at, open_joint
+from flexmb.analysis.functions_of_time import missed_pulses
 from flexmb.analysis.mobility.degrees_of_freedom import redundant_reactions
 from flexmb.analysis.mobility.driver_conflicts import driver_reasons
 from flexmb.analysis.monitors import (
@@ -57,6 +56,7 @@ from flexmb.analysis.monitors import (
     algebraic_loop_notes,
 )
 from flexmb.analysis.singular_poses import singular_pose_sentence
+from flexmb.analysis.validity.validity_monitor import ValidityMonitor
 from flexmb.engine import method
 from flexmb.engine.compile import Compiled
 from flexmb.engine.compiled_calls import integration_units

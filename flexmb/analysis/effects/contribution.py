@@ -19,10 +19,10 @@ from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.assembly.jacobian import ConstraintRows
-from flexmb.analysis.dynamics.linear_elasticity import joined_modes
 from flexmb.analysis.effects.perturbation import Response, respond
 from flexmb.analysis.effects.smooth_pieces import follow_places, follow_velocities
 from flexmb.analysis.effects.stored_motion import Motion, carry_motion
+from flexmb.analysis.validity.linear_elasticity import joined_modes
 from flexmb.engine import equations_of_motion as stages
 from flexmb.engine.allocation import new_run, new_state, new_work
 from flexmb.engine.bodies.flexible_body import modal_reach

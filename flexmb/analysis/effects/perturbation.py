@@ -25,7 +25,6 @@ from typing import NamedTuple
 import numpy as np
 
 from flexmb.analysis.assembly.jacobian import one_blas_thread
-from flexmb.analysis.dynamics.kinked_functions import rows_behind_jumps
 from flexmb.analysis.effects.independent_coordinates import (
     IndependentCoordinates,
     IndependentMotions,
@@ -39,6 +38,7 @@ from flexmb.analysis.effects.modal_equations import (
 from flexmb.analysis.effects.smooth_pieces import Jumps, SlowAxes, SmoothPieces
 from flexmb.analysis.effects.stored_motion import Bristles, Motion, equations_of
 from flexmb.analysis.effects.variational_equations import VariationalEquations, linearise, times
+from flexmb.analysis.functions_of_time import rows_behind_jumps
 from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.engine.bodies.static_modes import static_coordinates
 from flexmb.engine.compile import Compiled

@@ -19,9 +19,9 @@ from itertools import pairwise
 
 import numpy as np
 
-from flexmb.analysis.dynamics.kinked_functions import rows_behind_jumps
 from flexmb.analysis.effects.stored_motion import Motion
 from flexmb.analysis.effects.variational_equations import VariationalEquations, times
+from flexmb.analysis.functions_of_time import rows_behind_jumps
 from flexmb.engine.compile import Compiled
 from flexmb.flexbody.arrays import Array, IntArray
 

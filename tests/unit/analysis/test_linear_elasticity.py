@@ -7,12 +7,12 @@ import pytest
 from flexiblescenes import STEEL, flexible_crank, rod
 
 from flexmb.analysis.assembly.jacobian import ConstraintRows
-from flexmb.analysis.dynamics.linear_elasticity import (
+from flexmb.analysis.validity.linear_elasticity import (
     LinearElasticityMonitor,
     joined_modes,
     loads_without_stiffening,
 )
-from flexmb.analysis.dynamics.modal_basis import ModalBasisMonitor
+from flexmb.analysis.validity.modal_basis import ModalBasisMonitor
 from flexmb.engine.compile import compile_system
 from flexmb.fe import reduce
 from flexmb.flexbody import rigid_body

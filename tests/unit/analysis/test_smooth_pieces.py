@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
-from flexmb.analysis.dynamics.kinked_functions import rows_behind_jumps
 from flexmb.analysis.effects.smooth_pieces import SmoothPieces
+from flexmb.analysis.functions_of_time import rows_behind_jumps
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
 

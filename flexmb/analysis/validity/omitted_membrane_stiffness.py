@@ -18,19 +18,19 @@ from functools import cached_property, partial
 import numpy as np
 
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, one_blas_thread
-from flexmb.analysis.dynamics.joined_body import (
+from flexmb.analysis.monitors import Indicator
+from flexmb.analysis.validity.joined_body import (
     ModalCompliance,
     body_length,
     largest_sensor_change,
     position_sensors,
 )
-from flexmb.analysis.dynamics.linear_elasticity import (
+from flexmb.analysis.validity.linear_elasticity import (
     flexible_columns,
     joined_frame,
     largest_lengths,
     relative_motion,
 )
-from flexmb.analysis.monitors import Indicator
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody, MembraneStiffness

@@ -26,14 +26,14 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from flexmb.analysis.assembly.jacobian import ConstraintRows, Decomposition, column_scales
-from flexmb.analysis.dynamics.linear_elasticity import (
+from flexmb.analysis.validity.linear_elasticity import (
     flexible_columns,
     joined_frame,
     joined_interfaces,
     largest_lengths,
     relative_motion,
 )
-from flexmb.analysis.dynamics.load_factor import Loads, masses_along, slender_axis
+from flexmb.analysis.validity.load_factor import Loads, masses_along, slender_axis
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody

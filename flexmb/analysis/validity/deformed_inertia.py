@@ -18,7 +18,8 @@ from functools import partial
 
 import numpy as np
 
-from flexmb.analysis.dynamics.linear_elasticity import (
+from flexmb.analysis.monitors import Indicator
+from flexmb.analysis.validity.linear_elasticity import (
     LARGEST_DEFLECTION,
     constraint_jacobian,
     flexible_columns,
@@ -27,7 +28,6 @@ from flexmb.analysis.dynamics.linear_elasticity import (
     largest_lengths,
     relative_motion,
 )
-from flexmb.analysis.monitors import Indicator
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody

@@ -36,10 +36,10 @@ from scipy.linalg import block_diag, eigh
 
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, one_blas_thread
 from flexmb.analysis.assembly.mechanism_modes import mobilities
-from flexmb.analysis.dynamics.linear_elasticity import flexible_columns, in_body_axes
 from flexmb.analysis.linear.observer import MinimalEquations, RowsAlongMotion, body_axes
 from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.analysis.monitors import Indicator
+from flexmb.analysis.validity.linear_elasticity import flexible_columns, in_body_axes
 from flexmb.engine.allocation import new_state
 from flexmb.engine.bodies.static_modes import static_coordinates
 from flexmb.engine.compile import Compiled

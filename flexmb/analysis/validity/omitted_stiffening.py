@@ -1,7 +1,7 @@
 """What geometric stiffening would change in slender bodies that are computed without it.
 
 The deformation η of each row is compared with η', that with stiffening
-(:mod:`flexmb.analysis.dynamics.joined_body`): η' − η is told at the position sensors on the body
+(:mod:`flexmb.analysis.validity.joined_body`): η' − η is told at the position sensors on the body
 and on bodies joined to it, over their range, and over the deflection.
 
 The load factor, whether the forces would buckle the body, is the largest eigenvalue of −C Kj, with
@@ -17,7 +17,8 @@ from itertools import pairwise
 import numpy as np
 
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, one_blas_thread
-from flexmb.analysis.dynamics.joined_body import (
+from flexmb.analysis.monitors import Indicator
+from flexmb.analysis.validity.joined_body import (
     DIVISIONS,
     ModalCompliance,
     SlenderBar,
@@ -26,10 +27,9 @@ from flexmb.analysis.dynamics.joined_body import (
     changes,
     largest_sensor_change,
 )
-from flexmb.analysis.dynamics.linear_elasticity import largest_lengths
-from flexmb.analysis.dynamics.load_factor import LoadFactorMonitor
-from flexmb.analysis.dynamics.period_mean import period_mean, slow_shares, stretch
-from flexmb.analysis.monitors import Indicator
+from flexmb.analysis.validity.linear_elasticity import largest_lengths
+from flexmb.analysis.validity.load_factor import LoadFactorMonitor
+from flexmb.analysis.validity.period_mean import period_mean, slow_shares, stretch
 from flexmb.engine.compile import Compiled
 from flexmb.flexbody.arrays import Array
 from flexmb.flexbody.static_response import LEAST_MOTION

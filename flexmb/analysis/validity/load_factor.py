@@ -4,7 +4,7 @@ The load factor μ is the largest number for which K + K_g/μ is singular.
 K_g is the geometric stiffness of the forces at markers and of the inertia loads at one time of the
 run, for those motions of the whole mechanism that deform it. The mean over a vibration period
 counts, since waves along a bar do not buckle it. Above μ = 1 linear theory is not valid. Bodies
-without geometric stiffening are judged by :mod:`flexmb.analysis.dynamics.omitted_stiffening`.
+without geometric stiffening are judged by :mod:`flexmb.analysis.validity.omitted_stiffening`.
 
 Sources: Euler's columns, Timoshenko & Gere, Theory of Elastic Stability, §2.2; the relation of load
 and frequency, f = f₀ √(1 − P/P_cr), Timoshenko, Vibration Problems in Engineering, §5.11.
@@ -25,9 +25,9 @@ from flexmb.analysis.assembly.jacobian import (
     one_blas_thread,
 )
 from flexmb.analysis.assembly.mechanism_modes import MechanismModes
-from flexmb.analysis.dynamics.linear_elasticity import flexible_columns, joined_modes
-from flexmb.analysis.dynamics.period_mean import period_mean, slow_shares, stretch
 from flexmb.analysis.monitors import Indicator
+from flexmb.analysis.validity.linear_elasticity import flexible_columns, joined_modes
+from flexmb.analysis.validity.period_mean import period_mean, slow_shares, stretch
 from flexmb.engine.allocation import new_state, new_work
 from flexmb.engine.compile import Compiled
 from flexmb.engine.compiled_calls import stage_solver

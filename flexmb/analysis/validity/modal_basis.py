@@ -28,13 +28,13 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from flexmb.analysis.dynamics.linear_elasticity import (
+from flexmb.analysis.monitors import Indicator
+from flexmb.analysis.validity.linear_elasticity import (
     JoinedFrame,
     flexible_columns,
     in_body_axes,
     joined_frame,
 )
-from flexmb.analysis.monitors import Indicator
 from flexmb.engine import initial_conditions
 from flexmb.engine.allocation import new_run, new_state, new_work
 from flexmb.engine.compile import Compiled

@@ -1,0 +1,209 @@
+"""All limits of the theory of flexible bodies in a run: warnings, and bounds at which it stops.
+
+Monitors receive the rows of a run in order and give indicators: one number for each body and limit,
+with the time of its largest value. Above its warning level an indicator becomes a note of the run;
+above the bound of `[validity]` the run is refused at that time. The audit of effects uses the same
+indicators.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from collections.abc import Iterator
+from copy import deepcopy
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.analysis.monitors import Indicator, Monitor
+from flexmb.analysis.validity.frequency_error import FrequencyErrorMonitor
+from flexmb.analysis.validity.linear_elasticity import (
+    LinearElasticityMonitor,
+    loads_without_response,
+    loads_without_stiffening,
+)
+from flexmb.analysis.validity.load_factor import LoadFactorMonitor
+from flexmb.analysis.validity.modal_basis import ModalBasisMonitor
+from flexmb.analysis.validity.omitted_stiffening import OmittedStiffeningMonitor
+from flexmb.analysis.validity.omitted_vibrations import OmittedVibrationMonitor, VibrationResponse
+from flexmb.engine.compile import Compiled
+from flexmb.engine.state import State
+from flexmb.model.model import Model
+from flexmb.model.scenes.dynamics import ValiditySpec
+from flexmb.results.output_block import OutputBlock
+
+if TYPE_CHECKING:
+    from flexmb.analysis.validity.deformed_inertia import DeformedInertiaMonitor
+
+# Change of a deflection over (Ω/ω₁)² from which on a body turns so far from the axis that its speed
+# alone does not tell that: about an axis at its end less than half of that.
+_FAR_FROM_AXIS = 2.0
+
+
+class ValidityMonitor:
+    """All monitors of a run: its warnings, and the sentence with which it is refused.
+
+    Parameters
+    ----------
+    compiled, model : Compiled, Model
+        The model.
+    q : (nq,) array
+        First positions.
+    is_motion : bool
+        Whether the rows are a motion, not separate equilibria.
+    is_judged : bool
+        Whether rows are examined; without, only the cause of a failure is.
+    """
+
+    def __init__(
+        self, compiled: Compiled, model: Model, q: NDArray[np.float64], is_motion: bool = True,
+        *, is_judged: bool = True,
+    ) -> None:  # fmt: skip
+        self._spec = model.validity or ValiditySpec()
+        self._elasticity = LinearElasticityMonitor(compiled, model, q)
+        self._basis = ModalBasisMonitor(compiled, model, is_motion)
+        self._load_factor = LoadFactorMonitor(compiled, model, q, is_motion)
+        self._inertia = _inertia_monitor(compiled, model, q)
+        self._monitors: tuple[Monitor, ...] = ()  # all of them are of flexible bodies
+        if is_judged and compiled.system.parts.bodies["m"].any():
+            bars = OmittedStiffeningMonitor(compiled, model, q, self._load_factor, is_motion)
+            self._monitors = (
+                self._elasticity,
+                self._load_factor,
+                bars,
+                *_membrane_monitors(compiled, model, bars.bows),
+                *((self._inertia,) if self._inertia else ()),
+                self._basis,
+                *((OmittedVibrationMonitor(compiled, model, q),) if is_motion else ()),
+                *((FrequencyErrorMonitor(compiled, model),) if is_motion else ()),
+            )
+        self._notes = (
+            *loads_without_stiffening(compiled, model),
+            *loads_without_response(compiled, model),
+        )
+
+    def add(self, rows: OutputBlock) -> int:
+        """Add the next rows; returns their number, up to the row at which the run is refused."""
+        n, before = len(rows.t), [_arrays(monitor) for monitor in self._monitors]
+
+        def refused(k: int) -> bool:
+            for monitor, arrays in zip(self._monitors, before, strict=True):
+                vars(monitor).update(deepcopy(arrays))
+                monitor.add(rows.part(0, k))
+            return bool(self.refusal())
+
+        if not n or not refused(n):
+            return n
+        last = bisect_left(range(1, n), True, key=refused) + 1
+        refused(last)
+        return last
+
+    def indicators(self) -> Iterator[Indicator]:
+        """Indicators of all bodies, including those below their warning level."""
+        for monitor in self._monitors:
+            yield from monitor.indicators()
+
+    @property
+    def beyond(self) -> dict[str, str]:
+        """A sentence on each body that is driven faster than its omitted modes are known."""
+        return self._basis.beyond
+
+    def notes(self) -> Iterator[str]:
+        """A sentence on each body and limit that is exceeded."""
+        yield from self._notes
+        yield from self._basis.notes()
+        for one in self.exceeded():
+            yield one.text()
+
+    def exceeded(self) -> Iterator[Indicator]:
+        """Indicators above their warning level, less those that another one tells too."""
+        exceeded = [one for one in self.indicators() if one.value > one.warning]
+        for one in exceeded:
+            if not any(other.body == one.body and _tells(other, one) for other in exceeded):
+                yield one
+
+    def diverging(self, state: State) -> str:
+        """The sentence on a body whose equations have lost their mass or all stiffness, or "".
+
+        By its inertia coupling in its frame, by rotation without stiffening, or by loads that
+        buckle it, up to the last state of the run.
+        """
+        none = np.zeros((1, 0))
+        motion = (state.q, state.v, state.vd, state.lam)
+        if all(np.isfinite(one).all() for one in motion):
+            last = OutputBlock(state.t[:1].copy(), *(one[None] for one in motion), *[none] * 4)
+            self._elasticity.add(last)
+            self._load_factor.add_last(last)
+            if self._inertia:
+                self._inertia.add(last)
+        return (
+            (self._inertia.diverging() if self._inertia else "")
+            or self._elasticity.diverging()
+            or self._load_factor.diverging()
+        )
+
+    def making_energy(self) -> str:
+        """The sentence on a body whose inertia coupling does not keep energy, or ""."""
+        return self._inertia.making_energy() if self._inertia else ""
+
+    def refusal(self) -> str:
+        """The sentence on the first bound that is exceeded, or ""."""
+        for one in self.indicators():
+            bound = getattr(self._spec, one.quantity, "any")
+            if one.quantity == "stiffening" and isinstance(self._spec.speed, str):
+                continue  # asked for without stiffening
+            value = one.value if one.against_bound is None else one.against_bound
+            if not isinstance(bound, str) and value > bound:
+                way_on = f'{one.quantity} = "any" under [validity] runs on'
+                unbalanced = self._inertia.diverging() if self._inertia else ""
+                if unbalanced:
+                    return f"{unbalanced}; so {one.quantity} passes its bound {bound:g}"
+                buckled = self._load_factor.diverging()
+                cause = (
+                    f"{one.text()}; {buckled}" if buckled != one.text() and buckled else one.text()
+                )
+                return f"{cause} (bound {bound:g}; {way_on})"
+        return ""
+
+
+def _inertia_monitor(
+    compiled: Compiled, model: Model, q: NDArray[np.float64]
+) -> DeformedInertiaMonitor | None:
+    """The monitor of bodies whose inertia coupling is not full, if there are any."""
+    specs = model.bodies.values()
+    if all(getattr(spec, "inertia_coupling", "full") == "full" for spec in specs):
+        return None
+    from flexmb.analysis.validity.deformed_inertia import DeformedInertiaMonitor
+
+    return DeformedInertiaMonitor(compiled, model, q)
+
+
+def _membrane_monitors(compiled: Compiled, model: Model, bows: set[str]) -> Iterator[Monitor]:
+    """The monitor of plates and shells, if there are any beside those that bend as bars."""
+    every = compiled.flexbodies.items()
+    if any(body.membrane_stiffness and name not in bows for name, body in every):
+        from flexmb.analysis.validity.omitted_membrane_stiffness import (
+            OmittedMembraneStiffnessMonitor,
+        )
+
+        yield OmittedMembraneStiffnessMonitor(compiled, model, bows)
+
+
+def _tells(other: Indicator, one: Indicator) -> bool:
+    """Whether the sentence of the other indicator of a body tells what that of one does.
+
+    What rotation does without stiffening two indicators tell: the larger number counts.
+    """
+    pair = {one.quantity.partition(",")[0], other.quantity.partition(",")[0]}
+    if pair == {"speed", "stiffening"}:
+        speed, change = (one, other) if one.quantity != "stiffening" else (other, one)
+        return (change.value < _FAR_FROM_AXIS * speed.value**2) == (other is speed)
+    better = {"stiffening": {"load_factor"}, "membrane_forces": {"stiffening", "load_factor"}}
+    return other.quantity in better.get(one.quantity, ())
+
+
+def _arrays(monitor: Monitor) -> dict[str, Any]:
+    """The state of a monitor: its arrays, which it replaces when it changes them."""
+    kinds = (np.ndarray, VibrationResponse)
+    return {name: value for name, value in vars(monitor).items() if isinstance(value, kinds)}
