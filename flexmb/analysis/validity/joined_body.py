@@ -26,6 +26,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from flexmb.analysis.assembly.jacobian import ConstraintRows, Decomposition, column_scales
+from flexmb.analysis.validity.buckling import Loads
 from flexmb.analysis.validity.linear_elasticity import (
     flexible_columns,
     joined_frame,
@@ -33,7 +34,7 @@ from flexmb.analysis.validity.linear_elasticity import (
     largest_lengths,
     relative_motion,
 )
-from flexmb.analysis.validity.load_factor import Loads, masses_along, slender_axis
+from flexmb.analysis.validity.load_factor import slender_axis
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody
@@ -256,6 +257,30 @@ def _means(values: Array, along: Array, ends: Array) -> Array:
     means, places = sums.reshape(len(count), -1).T / count, np.bincount(group, along) / count
     at = np.array([np.interp(ends, places, one) for one in means])
     return at.T.reshape(len(ends), *values.shape[1:])
+
+
+def masses_along(body: FlexBody, axis: Array, ends: Array) -> Array:
+    """(2, s) masses of the divisions of a bar, and the parts of them beyond their middles.
+
+    The divisions are between `ends` (s + 1,) from the centre of mass. Masses per length are linear
+    along the axis; masses at both ends, or one at the middle, give the centre and the second moment
+    of the body.
+    """
+    length, center = ends[-1] - ends[0], -0.5 * (ends[0] + ends[-1])  # of mass, from the middle
+    x = 0.5 * (ends[:-1] + ends[1:]) + center
+    S = body.S0 - np.outer(body.S1, body.S1) / body.mass
+    second = float(axis @ S @ axis) / length**2 + body.mass * (center / length) ** 2
+    at_ends = min(6.0 * second - 0.5 * body.mass, body.mass)
+    lumps, more = np.zeros(len(x)), 0.0
+    if at_ends > 0.0:
+        more = float(np.clip(2.0 * body.mass * center / length, -at_ends, at_ends))
+        lumps[[0, -1]] = 0.5 * (at_ends - more), 0.5 * (at_ends + more)
+    else:
+        lumps[len(x) // 2 - 1] = -2.0 * at_ends
+    rest, first = body.mass - lumps.sum(), body.mass * center - 0.5 * more * length
+    weights = np.maximum(rest + 12.0 * first * x / length**2, 0.0)
+    spread = weights * (rest / max(weights.sum(), 1e-300))
+    return np.array([lumps + spread, np.append(0.0, lumps[1:]) + 0.5 * spread])
 
 
 def bow_stiffness(bars: Sequence[SlenderBar], compliance: Array) -> Array:

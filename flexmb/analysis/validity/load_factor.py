@@ -1,10 +1,13 @@
 """Load factor of stiffened flexible bodies in a run: their loads over those that buckle them.
 
-The load factor μ is the largest number for which K + K_g/μ is singular.
-K_g is the geometric stiffness of the forces at markers and of the inertia loads at one time of the
-run, for those motions of the whole mechanism that deform it. The mean over a vibration period
-counts, since waves along a bar do not buckle it. Above μ = 1 linear theory is not valid. Bodies
-without geometric stiffening are judged by :mod:`flexmb.analysis.validity.omitted_stiffening`.
+That of each row of a run is computed by :mod:`flexmb.analysis.validity.buckling`. Above one linear
+theory is not valid. Bodies without geometric stiffening are judged by
+:mod:`flexmb.analysis.validity.omitted_stiffening`.
+
+Waves along a bar neither buckle nor stiffen it: the mean over a vibration period counts. It is
+exponential, of eight rows or more, and so lags where rows are rare. Then the value of a row counts
+itself, if it is slow: the ends of the bar move apart between two rows by what the mean of both
+rates says. In a vibration that is faster than the rows they do not.
 
 Sources: Euler's columns, Timoshenko & Gere, Theory of Elastic Stability, §2.2; the relation of load
 and frequency, f = f₀ √(1 − P/P_cr), Timoshenko, Vibration Problems in Engineering, §5.11.
@@ -13,31 +16,26 @@ and frequency, f = f₀ √(1 − P/P_cr), Timoshenko, Vibration Problems in Eng
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from functools import cached_property, partial
 
 import numpy as np
+from numpy.typing import NDArray
 
-from flexmb.analysis.assembly.jacobian import (
-    MAX_COORDINATES,
-    ConstraintRows,
-    numerical_rank,
-    one_blas_thread,
-)
+from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, ConstraintRows, one_blas_thread
 from flexmb.analysis.assembly.mechanism_modes import MechanismModes
 from flexmb.analysis.monitors import Indicator
+from flexmb.analysis.validity.buckling import LoadedMechanism, Loads
 from flexmb.analysis.validity.linear_elasticity import flexible_columns, joined_modes
-from flexmb.analysis.validity.period_mean import period_mean, slow_shares, stretch
 from flexmb.engine.allocation import new_state, new_work
 from flexmb.engine.compile import Compiled
 from flexmb.engine.compiled_calls import stage_solver
+from flexmb.engine.forces.load import LOAD
 from flexmb.engine.initial_conditions import RESIDUAL
 from flexmb.engine.state import State, Work
-from flexmb.engine.tables import bend_of
+from flexmb.engine.tables import BodyColumns
 from flexmb.errors import AssemblyError
 from flexmb.flexbody import FlexBody
-from flexmb.flexbody.arrays import Array, IntArray, skew
-from flexmb.flexbody.natural_modes import matrices_at_rest
+from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.model.forces.load import BodyLoadSpec
 from flexmb.model.model import Model
 from flexmb.results.output_block import OutputBlock
@@ -49,10 +47,11 @@ _SLENDER = 0.05  # largest ratio of the second moments of mass across and along 
 # Rows are examined if a simple upper bound of the load exceeds this share of the warning level.
 _MIN_ESTIMATE = 0.3
 _MAX_ENTRIES = 2_000_000  # matrix entries of all rows that are examined together
-# Strain energy of a body in the motion that buckles, over the largest, with which it buckles too:
-# equal columns of a frame have the same.
-_MIN_ENERGY = 0.5
-_RIGID_SHARE = 1e-9  # ω² over the largest one, below which a motion deforms nothing
+_MAX_ROW_WEIGHT = 0.125  # largest weight of one row in the mean
+_RARE_ROWS = 0.25  # share of a period between two rows from which on these are rare
+# What rates do not explain, over the change of the distance of the ends, from which on it is none
+# of a slow motion.
+_FAST = 0.3
 
 
 class LoadFactorMonitor:
@@ -110,8 +109,15 @@ class LoadFactorMonitor:
         return state, work, stage_solver(system, state, work)
 
     @cached_property
-    def _mechanism(self) -> _Mechanism:
-        return _Mechanism(self._compiled, self._gravity)
+    def _mechanism(self) -> LoadedMechanism:
+        return LoadedMechanism(self._compiled, self._gravity, self._turning)
+
+    @cached_property
+    def _turning(self) -> NDArray[np.void]:
+        """Rows of the forces whose components are in the axes of a marker."""
+        kind = self._compiled.system.kinds.get("loads")
+        rows = np.zeros(0, LOAD) if kind is None else kind.rows
+        return np.asarray(rows[(rows["axes"] >= 0) & (rows["torque"] == 0)])
 
     def add(self, rows: OutputBlock) -> None:
         """Add the next rows."""
@@ -186,7 +192,7 @@ class LoadFactorMonitor:
     def loads(self, rows: OutputBlock, which: IntArray) -> Loads:
         """The forces at all markers at the rows `which`."""
         state, work, solve = self._scratch
-        forces, arms, axes = [], [], []
+        forces, arms, axes, turning = [], [], [], []
         for row in which:
             state.t[0] = rows.t[row]
             for name in ("q", "v", "vd", "lam"):
@@ -195,8 +201,13 @@ class LoadFactorMonitor:
             forces.append(self._forces(work, state.lam))
             arms.append(work.now.marker["s"].copy())
             axes.append(work.now.body["A"].copy())
+            R, u = (
+                work.now.marker["R"][self._turning["axes"]],
+                work.con.fun[self._turning["fun"], 0],
+            )
+            turning.append(np.einsum("kij,kj->ki", R, self._turning["factor"] * u))
         q, v, vd = (getattr(rows, name)[which] for name in ("q", "v", "vd"))
-        return Loads(q, v, vd, *(np.array(one) for one in (forces, arms, axes)))
+        return Loads(q, v, vd, *(np.array(one) for one in (forces, arms, axes, turning)))
 
     def _forces(self, work: Work, lam: Array) -> Array:
         """(markers, 3) forces, including those of point joints, which the engine does not store."""
@@ -212,112 +223,6 @@ class LoadFactorMonitor:
         return np.asarray(W)
 
 
-@dataclass(frozen=True, eq=False)
-class Loads:
-    """Loads at n times of a run: q, v, vd; forces at markers (n, markers, 3) in global axes, their
-    arms in body axes; the axes A (n, bodies, 3, 3) of all bodies."""
-
-    q: Array
-    v: Array
-    vd: Array
-    forces: Array
-    s: Array
-    A: Array
-
-
-class _Mechanism:
-    """Square root of the mass and stiffness (nv, nv) of all bodies, in body axes; constraints."""
-
-    def __init__(self, compiled: Compiled, gravity: Array) -> None:
-        nv, self._compiled, self._gravity = compiled.layout.nv, compiled, gravity
-        self._rows, self._root, self._K = ConstraintRows(compiled), np.eye(nv), np.zeros((nv, nv))
-        self._bodies: list[tuple[np.void, slice, FlexBody | None, Array]] = []
-        names = {columns.iv: columns.name for columns in compiled.layout.bodies}
-        for entry in compiled.system.parts.bodies:
-            iv, m = int(entry["iv"]), int(entry["m"])
-            body, part = compiled.bodies.get(names[iv]), slice(iv, iv + 6 + m)
-            mean = np.zeros((6, m))
-            if body is None or not m:
-                body, M = None, _rigid_mass(entry)
-            else:
-                M, self._K[part, part] = matrices_at_rest(body)
-                mean = np.array([np.concatenate(_mean_motion(body, eta)) for eta in np.eye(m)]).T
-            self._root[part, part] = _square_root(M)
-            self._bodies.append((entry, part, body, mean))
-
-    def load_factors(self, loads: Loads) -> Array:
-        """(n, bodies) load factors of the mechanism, each assigned to the bodies that buckle."""
-        n, Kg = len(loads.q), self._geometric_stiffness(loads)
-        poses = [self._rows.evaluate(q).jacobian for q in loads.q]
-        _, S, Vt = np.linalg.svd(np.array([pose.A for pose in poses]))
-        ranks = np.array([numerical_rank(one) for one in S])
-        values = np.zeros((n, len(self._bodies)))
-        for rank in np.unique(ranks):
-            rows = np.flatnonzero(ranks == rank)
-            N = np.array([poses[k].velocities(Vt[k, rank:].T) for k in rows])
-            for number, (_, part, _, _) in enumerate(self._bodies):
-                own = slice(part.start, part.start + 3)
-                N[:, own] = loads.A[rows, number].transpose(0, 2, 1) @ N[:, own]
-            omega2, X = _natural_motions(self._K, self._root, N)
-            rigid = (omega2 <= _RIGID_SHARE * omega2[:, -1:]).sum(axis=1)
-            for count in np.unique(rigid[rigid < omega2.shape[1]]):
-                some = rigid == count
-                V = N[some] @ X[some][:, :, count:] / np.sqrt(omega2[some, None, count:])
-                self._buckle(Kg, V, rows[some], values)
-        return values
-
-    def _buckle(self, Kg: Array, V: Array, rows: IntArray, values: Array) -> None:
-        """Set the load factors of `rows` by motions V (rows, nv, k) of unit strain energy."""
-        Vt = V.transpose(0, 2, 1)
-        factors, shapes = np.linalg.eigh(-0.5 * Vt @ (Kg[rows] + Kg[rows].transpose(0, 2, 1)) @ V)
-        x = (V @ shapes[:, :, -1:])[..., 0]
-        parts = [part for _, part, *_ in self._bodies]
-        energy = np.array(
-            [((x[:, own] @ self._K[own, own]) * x[:, own]).sum(axis=1) for own in parts]
-        ).T
-        buckles = energy >= _MIN_ENERGY * energy.max(axis=1, keepdims=True)
-        values[rows] = np.where(buckles, factors[:, -1:], 0.0)
-
-    def _geometric_stiffness(self, loads: Loads) -> Array:
-        """(n, nv, nv) second variation of the work of all loads by rotations and eta, body axes.
-
-        The loads are forces at markers and inertia forces ρ (a + G s), all of constant direction.
-        """
-        K = np.zeros((len(loads.q), *self._K.shape))
-        parts, v, vd = self._compiled.system.parts, loads.v, loads.vd
-        for number, (entry, part, body, mean) in enumerate(self._bodies):
-            A, m, iv = loads.A[:, number], int(entry["m"]), part.start
-            eta = vd[:, iv + 6 : iv + 6 + m] @ mean.T  # acceleration of the mean axes
-            a = ((vd[:, None, iv : iv + 3] - self._gravity) @ A)[:, 0] + eta[:, :3]
-            w, alpha = v[:, iv + 3 : iv + 6], vd[:, iv + 3 : iv + 6] + eta[:, 3:]
-            spin = w[:, :, None] * w[:, None]
-            G = skew(alpha) + spin - (w * w).sum(axis=1)[:, None, None] * np.eye(3)
-            markers = np.flatnonzero(parts.markers["body"] == number)
-            forces, Kb = loads.forces[:, markers] @ A, K[:, iv + 3 : part.stop, iv + 3 : part.stop]
-            moments = G @ entry["S0"] + a[:, :, None] * entry["S1"]
-            moments = moments - forces.transpose(0, 2, 1) @ loads.s[:, markers]
-            for k, marker in enumerate(parts.markers[markers]):
-                f = forces[:, k]
-                if m and marker["modes"] >= 0:
-                    Phi = parts.pool[marker["modes"] : marker["modes"] + 3 * m].reshape(3, m)
-                    Kb[:, :3, 3:] -= np.cross(Phi.T, f[:, None]).transpose(0, 2, 1)
-                    if marker["bend"] >= 0:
-                        bend = bend_of(marker, m, parts.pool)
-                        Kb[:, 3:, 3:] += np.einsum("nd,idj->nij", f, bend)
-            trace = np.trace(moments, axis1=1, axis2=2)[:, None, None]
-            Kb[:, :3, :3] = 0.5 * (moments + moments.transpose(0, 2, 1)) - trace * np.eye(3)
-            if body is not None:
-                carried = np.einsum("nkl,ljc->nkjc", G, body.P)
-                carried += np.einsum("nk,jc->nkjc", a, body.p)
-                for i, (j, k) in enumerate(((1, 2), (2, 0), (0, 1))):
-                    Kb[:, i, 3:] += carried[:, k, j] - carried[:, j, k]
-                if (centrifugal := body.centrifugal_stiffness) is not None:
-                    G = 0.5 * (G + G.transpose(0, 2, 1))
-                    Kb[:, 3:, 3:] -= np.tensordot(G, centrifugal, 2)
-            Kb[:, 3:, :3] = Kb[:, :3, 3:].transpose(0, 2, 1)
-        return K
-
-
 def _lowest_frequency(compiled: Compiled, q: Array) -> float:
     """Of all flexible bodies in the mechanism [rad/s]: a body on top of a column moves with it."""
     every = list(range(len(compiled.layout.bodies)))
@@ -326,40 +231,6 @@ def _lowest_frequency(compiled: Compiled, q: Array) -> float:
         return float(MechanismModes(compiled, q, every).vibrations(*flexible).omega[0])
     except AssemblyError:  # motions without inertia
         return 0.0
-
-
-def _natural_motions(K: Array, root: Array, N: Array) -> tuple[Array, Array]:
-    """Squared frequencies (n, d), ascending, and their motions y (n, d, d) with N y of unit mass.
-
-    The square root of the mass is used, since in the mass itself the inertia of a thin bar about
-    its axis would be lost by round-off next to that of a heavy body.
-    """
-    back = np.linalg.inv(np.linalg.qr(root @ N, mode="r"))
-    inverse = back.transpose(0, 2, 1)
-    omega2, Y = np.linalg.eigh(inverse @ (N.transpose(0, 2, 1) @ K @ N) @ back)
-    return omega2, back @ Y
-
-
-def _square_root(M: Array) -> Array:
-    """A matrix R with RᵀR = M, for a mass matrix with entries of very different sizes."""
-    size = np.sqrt(M.diagonal())
-    values, X = np.linalg.eigh(M / np.outer(size, size))
-    return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, None] * X.T * size)
-
-
-def _mean_motion(body: FlexBody, eta: Array) -> tuple[Array, Array]:
-    """Mean translation at the origin and mean rotation (3,) of modal coordinates eta (m,)."""
-    P = body.P @ eta - np.outer(body.center, body.p @ eta)
-    moment = np.array([P[1, 2] - P[2, 1], P[2, 0] - P[0, 2], P[0, 1] - P[1, 0]])
-    turn = np.linalg.pinv(body.inertia_about_center) @ moment
-    return body.p @ eta / body.mass - np.cross(turn, body.center), turn
-
-
-def _rigid_mass(entry: np.void) -> Array:
-    """(6, 6) mass of a rigid body about its origin, body axes."""
-    arm = skew(entry["S1"])
-    J = np.trace(entry["S0"]) * np.eye(3) - entry["S0"]
-    return np.block([[entry["mass"] * np.eye(3), -arm], [arm, J]])
 
 
 def slender_axis(body: FlexBody, ratio: float = _SLENDER) -> tuple[Array, float]:
@@ -383,25 +254,61 @@ def _is_on(spec: object, body: str) -> bool:
     return any((marker or "").partition(".")[0] == body for marker in markers)
 
 
-def masses_along(body: FlexBody, axis: Array, ends: Array) -> Array:
-    """(2, s) masses of the divisions of a bar, and the parts of them beyond their middles.
+def stretch(body: FlexBody, axis: Array) -> Array:
+    """(m,) by which the ends of a body move apart along an axis, per unit eta."""
+    points, moved = (
+        [one.position for one in body.interfaces],
+        [one.Phi_t for one in body.interfaces],
+    )
+    if body.nodes is not None:
+        points, moved = list(body.nodes.position), list(body.nodes.Phi_t)
+    if not points:
+        return np.zeros(body.m)
+    places = np.array(points) @ axis
+    return np.asarray(axis @ (moved[int(places.argmax())] - moved[int(places.argmin())]))
 
-    The divisions are between `ends` (s + 1,) from the centre of mass. Masses per length are linear
-    along the axis; masses at both ends, or one at the middle, give the centre and the second moment
-    of the body.
+
+def slow_shares(
+    columns: BodyColumns, along: Array, rows: OutputBlock, last: Array
+) -> tuple[Array, Array]:
+    """(t,) from 0 for vibrations faster than the rows to 1 for slow motions; the last row.
+
+    `last` (3,) are the time, the stretch and its rate at the row before; NaN: none.
     """
-    length, center = ends[-1] - ends[0], -0.5 * (ends[0] + ends[-1])  # of mass, from the middle
-    x = 0.5 * (ends[:-1] + ends[1:]) + center
-    S = body.S0 - np.outer(body.S1, body.S1) / body.mass
-    second = float(axis @ S @ axis) / length**2 + body.mass * (center / length) ** 2
-    at_ends = min(6.0 * second - 0.5 * body.mass, body.mass)
-    lumps, more = np.zeros(len(x)), 0.0
-    if at_ends > 0.0:
-        more = float(np.clip(2.0 * body.mass * center / length, -at_ends, at_ends))
-        lumps[[0, -1]] = 0.5 * (at_ends - more), 0.5 * (at_ends + more)
-    else:
-        lumps[len(x) // 2 - 1] = -2.0 * at_ends
-    rest, first = body.mass - lumps.sum(), body.mass * center - 0.5 * more * length
-    weights = np.maximum(rest + 12.0 * first * x / length**2, 0.0)
-    spread = weights * (rest / max(weights.sum(), 1e-300))
-    return np.array([lumps + spread, np.append(0.0, lumps[1:]) + 0.5 * spread])
+    first, rate = columns.iq + 7, columns.iv + 6
+    table = np.column_stack(
+        [
+            rows.t,
+            rows.q[:, first : first + columns.m] @ along,
+            rows.v[:, rate : rate + columns.m] @ along,
+        ]
+    )
+    t, moved, rates = np.vstack([last, table]).T
+    change = np.diff(moved)
+    apart = np.abs(change - 0.5 * np.diff(t) * (rates[1:] + rates[:-1]))
+    moves = np.abs(change) > 0.0
+    share = np.divide(apart, np.abs(change), out=np.ones_like(apart), where=moves)
+    return np.nan_to_num((1.0 - share / _FAST).clip(0.0)), table[-1]
+
+
+def period_mean(
+    mean: Array, passed: Array | float, values: Array, slow: Array | float
+) -> tuple[Array, Array]:
+    """The mean after the next row, and the force that counts there.
+
+    Parameters
+    ----------
+    mean : (n,) array
+        Mean up to the last row; NaN: none yet.
+    passed : (n,) array or float
+        Time since the last row, in periods; NaN: separate rows.
+    values : (n,) array
+        Forces of this row.
+    slow : (n,) array or float
+        As of `slow_shares`.
+    """
+    begins = np.isnan(passed) | np.isnan(mean)
+    weight = np.where(begins, 1.0, np.minimum(passed, _MAX_ROW_WEIGHT))
+    mean = np.where(begins, values, mean + weight * (values - mean))
+    counts = np.where(passed > _RARE_ROWS, slow, 0.0)
+    return mean, mean + counts * (values - mean)

@@ -28,8 +28,12 @@ from flexmb.analysis.validity.joined_body import (
     largest_sensor_change,
 )
 from flexmb.analysis.validity.linear_elasticity import largest_lengths
-from flexmb.analysis.validity.load_factor import LoadFactorMonitor
-from flexmb.analysis.validity.period_mean import period_mean, slow_shares, stretch
+from flexmb.analysis.validity.load_factor import (
+    LoadFactorMonitor,
+    period_mean,
+    slow_shares,
+    stretch,
+)
 from flexmb.engine.compile import Compiled
 from flexmb.flexbody.arrays import Array
 from flexmb.flexbody.static_response import LEAST_MOTION
