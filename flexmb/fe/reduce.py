@@ -81,6 +81,7 @@ from flexmb.flexbody.mesh_options import PointLoad
 from flexmb.flexbody.options import require_tables
 from flexmb.flexbody.parts import Interface
 from flexmb.flexbody.planar_body import PLANES, check_shares, flatten_body
+from flexmb.flexbody.static_response import load_nodes
 from flexmb.progress import Progress, silent
 from flexmb.units import unit_system
 
@@ -174,7 +175,7 @@ def reduce(
     load_points : sequence of int or (3,) float
         Mesh nodes besides the interfaces at which a scene applies loads, or positions [m] near
         them. The body then stores which part of the static response there its modes lack, and a
-        run reports it.
+        run reports it; with geometric stiffening also what forces there do to its stiffness.
     stiffness, mass : (N, N) sparse, optional
         With a basis: matrices of the free body over its degrees of freedom; ``material`` is then
         used only for stress and geometric stiffening.
@@ -248,7 +249,8 @@ def reduce(
     if not rigid:
         body = with_load_responses(body, fe, reduced, elastic, load_points, mirror, progress)
     if stiffens:
-        body = with_geometric_stiffening(body, fe, elastic.Phi, ends, patterns, progress)
+        loaded = [] if rigid else load_nodes(body.nodes, load_points)
+        body = with_geometric_stiffening(body, fe, elastic.Phi, ends, patterns, loaded, progress)
     if mirror is None:
         body = with_membrane_stiffness(body, fe, reduced, elastic, progress)
     else:

@@ -304,6 +304,7 @@ def _check_parts(body: FlexBody, check: Checker) -> None:
         check.add("centrifugal_stiffness", f"{what}: one of them alone is wrong")
     forms = {"centrifugal_stiffness": body.centrifugal_stiffness}
     forms |= {f"interface {part.name}.bend": part.bend for part in body.interfaces}
+    forms["nodes.bend"] = None if body.nodes is None else body.nodes.bend
     for name, form in forms.items():
         if form is not None and not all(
             _symmetric(one) for one in form.reshape(-1, *form.shape[-2:])

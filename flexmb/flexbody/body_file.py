@@ -4,8 +4,8 @@ A file is HDF5 with the attributes format, version, name and mass at its root, a
 ``TABLE``. Lengths are symbols: m modal coordinates, c candidate modes, i interfaces, n surface
 points, t triangles, l lines, k nodes, e places with stress, g parts and y layers of these, b beams,
 h places of shells, j parts of these, d loads, r nodes with w loads, o omitted modes under v loads,
-u groups of nodes with x entries, s entries of provenance. All in SI, body frame; a group may be
-empty only where the table says so.
+u groups of nodes with x entries, f nodes with a bend, s entries of provenance. All in SI, body
+frame; a group may be empty only where the table says so.
 
 In: a body and a path, or a path. Out: a file, or the body with exactly the same numbers. Reading is
 strict: a file of another program or version, or one that is incomplete or has numbers that are not
@@ -66,13 +66,7 @@ TABLE = (
     Dataset("stiffness/K", "f8", ("m", "m"), "modal stiffness"),
     Dataset("stiffness/D", "f8", ("m", "m"), "modal damping"),
     Dataset("damping/ratios", "text", (1,), "of its modes in a scene, JSON", True),
-    Dataset(
-        "stiffness/centrifugal_stiffness",
-        "f8",
-        (3, 3, "m", "m"),
-        "geometric, of rho (e_a s_b)",
-        True,
-    ),
+    Dataset("stiffness/centrifugal_stiffness", "f8", (3, 3, "m", "m"), "of rho (e_a s_b)", True),
     Dataset("interfaces/bend", "f8", ("i", 3, "m", "m"), "geometric, of unit forces", True),
     Dataset("interfaces/name", "text", ("i",), "names of the markers"),
     Dataset("interfaces/position", "f8", ("i", 3), "reference points [m]"),
@@ -95,6 +89,8 @@ TABLE = (
     Dataset("nodes/position", "f8", ("k", 3), "undeformed [m]", True),
     Dataset("nodes/Phi_t", "f8", ("k", 3, "m"), "displacement per unit eta [m]", True),
     Dataset("nodes/Phi_r", "f8", ("k", 3, "m"), "rotation per unit eta [rad]", True),
+    Dataset("nodes/bent", "i8", ("f",), "mesh nodes with a bend", True),
+    Dataset("nodes/bend", "f8", ("f", 3, "m", "m"), "as of interfaces", True),
     Dataset("groups/name", "text", ("u",), "named groups of mesh nodes", True),
     Dataset("groups/count", "i8", ("u",), "how many nodes each holds", True),
     Dataset("groups/nodes", "i8", ("x",), "their mesh nodes, group by group", True),

@@ -78,7 +78,8 @@ def without_stiffening(body: FlexBody) -> FlexBody:
         replace(load, points=tuple(replace(point, bend=None) for point in load.points))
         for load in body.loads
     )
-    return replace(body, centrifugal_stiffness=None, interfaces=ends, loads=loads)
+    nodes = None if body.nodes is None else replace(body.nodes, bent=None, bend=None)
+    return replace(body, centrifugal_stiffness=None, interfaces=ends, nodes=nodes, loads=loads)
 
 
 def without_modal_inertia(body: FlexBody, modes: Sequence[int]) -> FloatArray:
@@ -133,7 +134,9 @@ def frame_at_interface(body: FlexBody, name: str) -> FlexBody:
     if nodes is not None:
         Phi_r = None if nodes.Phi_r is None else nodes.Phi_r + turn
         Phi_t = nodes.Phi_t + _rigid_displacement(nodes.position, shift, turn)
-        nodes = replace(nodes, Phi_t=Phi_t, Phi_r=Phi_r)
+        bends = [one.bend for one in in_frame(tuple(nodes.bent_points()))]
+        bend = nodes.bend if not bends else np.array(bends)
+        nodes = replace(nodes, Phi_t=Phi_t, Phi_r=Phi_r, bend=bend)
     if surface is not None:
         moved = _rigid_displacement(surface.points, shift, turn)
         surface = replace(surface, modes=surface.modes + moved)

@@ -193,7 +193,10 @@ def flatten_body(body: FlexBody, normal: ArrayLike, share: float) -> FlexBody:
     ends = tuple(_in_plane(part, n) for part in body.interfaces)
     record = {"plane": plane_name(n), "out-of-plane share": f"{share:.2g}"}
     provenance = {**body.provenance, **record}
-    return replace(body, p=p, P=P, Mab=Mab, interfaces=ends, provenance=provenance)
+    nodes = body.nodes
+    if nodes is not None and nodes.bend is not None:
+        nodes = replace(nodes, bend=_bend_in_plane(nodes.bend, n))
+    return replace(body, p=p, P=P, Mab=Mab, interfaces=ends, nodes=nodes, provenance=provenance)
 
 
 def out_of_plane(motion: FloatArray, turning: FloatArray, normal: ArrayLike) -> FloatArray:
@@ -354,7 +357,8 @@ def _combine_recovery(body: FlexBody, Z: FloatArray) -> dict[str, Any]:
     stress, forces, shells = body.stress, body.section_forces, body.shell_forces
     if nodes is not None:
         turning = None if nodes.Phi_r is None else nodes.Phi_r @ Z
-        nodes = NodeModes(nodes.ids, nodes.position, nodes.Phi_t @ Z, turning, nodes.groups)
+        bend = _combined(nodes.bend, Z)
+        nodes = replace(nodes, Phi_t=nodes.Phi_t @ Z, Phi_r=turning, bend=bend)
     return {
         "nodes": nodes,
         "surface": None if surface is None else replace(surface, modes=surface.modes @ Z),
@@ -399,8 +403,13 @@ def _check_interfaces(body: FlexBody, n: FloatArray) -> None:
 
 def _in_plane(part: Interface, n: FloatArray) -> Interface:
     N = np.outer(n, n)
-    bend = None if part.bend is None else part.bend - np.einsum("ab,bij->aij", N, part.bend)
+    bend = None if part.bend is None else _bend_in_plane(part.bend, n)
     return Interface(part.name, part.position, part.Phi_t - N @ part.Phi_t, N @ part.Phi_r, bend)
+
+
+def _bend_in_plane(bend: FloatArray, n: FloatArray) -> FloatArray:
+    """(..., 3, m, m) without the displacement along n."""
+    return np.asarray(bend - np.einsum("a,b,...bij->...aij", n, n, bend))
 
 
 def _symmetric(matrix: FloatArray) -> FloatArray:

@@ -406,4 +406,4 @@ def _carrier(marker: MarkerSpec, flexbody: FlexBody) -> tuple[Array, Array, Arra
         row = int(np.argmin(((nodes.position - np.array(marker.position)) ** 2).sum(axis=1)))
     if nodes.Phi_r is None:
         raise SceneError("the flexible body holds no nodal rotations; use an interface")
-    return nodes.position[row], nodes.Phi_t[row], nodes.Phi_r[row], None
+    return nodes.position[row], nodes.Phi_t[row], nodes.Phi_r[row], nodes.bend_at(row)

@@ -30,6 +30,7 @@ from flexmb.flexbody.natural_modes import NaturalModes, natural_modes
 from flexmb.flexbody.static_response import LARGEST_SHARE
 from flexmb.model.excitation import loads_beside_interfaces, marker_interface
 from flexmb.model.forces.load import BodyLoadSpec
+from flexmb.model.lookup import place_marker
 from flexmb.model.model import Model
 from flexmb.results.output_block import OutputBlock
 
@@ -265,11 +266,18 @@ def loads_without_response(compiled: Compiled, model: Model) -> Iterator[str]:
 
 
 def loads_without_stiffening(compiled: Compiled, model: Model) -> Iterator[str]:
-    """A sentence on each stiffened body with joints and forces that act outside its interfaces."""
+    """A sentence on each stiffened body with joints and forces whose stiffening is not known.
+
+    It is known at interfaces, and at those nodes with which the body was reduced.
+    """
     for name, body in compiled.flexbodies.items():
         if not body.m or body.centrifugal_stiffness is None:
             continue
-        beside = [one for one in loads_beside_interfaces(model) if one[1] == name]
+        beside = [
+            one
+            for one in loads_beside_interfaces(model)
+            if one[1] == name and place_marker(model, one[2], compiled.flexbodies).bend is None
+        ]
         loads, markers = (list(dict.fromkeys(one[k] for one in beside)) for k in (0, 2))
         whose = "its force does" if len(loads) == 1 else "their forces do"
         what, cure = "is no interface", "it one"

@@ -1,7 +1,8 @@
 """Geometric stiffening: what stresses do to the stiffness of the modes.
 
 A body stores the reduced geometric stiffness of the six centrifugal loads per mass (e_a s_b + e_b
-s_a)/2, of a unit force at each interface along each axis, and of its own loads. The stress is that
+s_a)/2, of a unit force along each axis at each interface and each node that is loaded, and of its
+own loads. The stress is that
 of the free body under a load and the inertia forces of the rigid acceleration that it causes.
 Uniform and angular accelerations have no geometric stiffness of their own, since their inertia
 forces balance the loads. All these together cover every inertia and interface load of a motion; the
@@ -13,6 +14,7 @@ Wallrapp, Standardization of flexible body modeling in multibody system codes, M
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -23,6 +25,7 @@ from flexmb.fe.assembly.interfaces import ModelInterface, interface_stiffness
 from flexmb.fe.assembly.loads import LoadPattern
 from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
 from flexmb.fe.reduction.inertia_relief import InertiaRelief, centrifugal_fields
+from flexmb.fe.reduction.missing_response import node_loads
 from flexmb.flexbody.arrays import FloatArray, skew
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.parts import LoadPoint
@@ -38,6 +41,7 @@ def with_geometric_stiffening(
     Phi: FloatArray,
     interfaces: tuple[ModelInterface, ...],
     patterns: tuple[LoadPattern, ...] = (),
+    nodes: Sequence[int] = (),
     progress: Progress = silent,
 ) -> FlexBody:
     """The body with the geometric stiffness of its loads.
@@ -54,6 +58,8 @@ def with_geometric_stiffening(
         At least one.
     patterns : tuple of LoadPattern
         The loads of the body, in their order.
+    nodes : sequence of int
+        Nodes at which loads act; those of a rigid interface are left out.
     progress : Progress
         Called with the phase ``"stiffening"``.
     """
@@ -63,7 +69,10 @@ def with_geometric_stiffening(
     forces = fixed.loads()
     loads += [forces[:, 6 * k + d] for k in range(len(interfaces)) for d in range(3)]
     units = slice(len(fields), len(loads))  # the unit forces at interfaces
+    at_nodes = {node: node_loads(fe, node, interfaces)[:, :3] for node in nodes}
+    at_nodes = {node: F for node, F in at_nodes.items() if F.any()}
     loads += [pattern.f for pattern in patterns]
+    loads += [F[:, d] for F in at_nodes.values() for d in range(3)]
     forms = np.zeros((len(loads), body.m, body.m))
     for number, load in enumerate(loads):
         progress("stiffening", number / len(loads))
@@ -84,6 +93,11 @@ def with_geometric_stiffening(
     for (a, b), form in zip(SYMMETRIC_PAIRS, forms, strict=False):
         centrifugal[a, b] = centrifugal[b, a] = form
     bends = forms[units].reshape(len(interfaces), 3, body.m, body.m)
+    own = slice(units.stop, units.stop + len(patterns))
+    table = body.nodes
+    if table is not None and at_nodes:
+        bend = forms[own.stop :].reshape(len(at_nodes), 3, body.m, body.m)
+        table = replace(table, bent=np.array(list(at_nodes)), bend=bend)
     return replace(
         body,
         centrifugal_stiffness=centrifugal,
@@ -92,8 +106,9 @@ def with_geometric_stiffening(
         ),
         loads=tuple(
             replace(load, points=_bent(load.points, form))
-            for load, form in zip(body.loads, forms[units.stop :], strict=True)
+            for load, form in zip(body.loads, forms[own], strict=True)
         ),
+        nodes=table,
     )
 
 

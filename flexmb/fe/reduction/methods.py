@@ -236,8 +236,10 @@ def reduction_key(
     }
     if options.get("loads"):
         content["load points"] = 1  # bodies store load responses since this entry exists
+    if options.get("geometric_stiffening", "none") != "none":
+        content["loaded nodes"] = 1  # bodies store their bend since this entry exists
     options["stress"] = stress_option(options.get("stress", True))
-    # they do not change the body, only what it knows about its own error
+    # the modes are the same; a body whose file lacks some of them is reduced again
     options.pop("load_points", None)
     for key, value in options.items():
         if value is not None and value != {} and value != _DEFAULTS.get(key):

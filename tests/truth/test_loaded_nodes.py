@@ -1,0 +1,125 @@
+"""Forces and joints at nodes besides the interfaces stiffen and buckle a body as at an interface.
+
+A cantilever that is pushed at three quarters of its length buckles at π² EI/(4 a²) with a that
+length (Timoshenko & Gere, Theory of Elastic Stability, §2.2): the rest beyond goes along straight.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.linalg import eigh
+
+import flexmb
+from flexmb.model import Model
+
+L, A, H, E, RHO = 1.0, 0.75, 0.01, 210e9, 7850.0
+EULER = np.pi**2 * E * H**4 / 12 / (4 * A**2)
+MESHES = {
+    "beam": ({"type": "beam", "length": L, "divisions": 20}, "start"),
+    "plate": ({"type": "plate", "length": L, "width": 4 * H, "divisions": [20, 2]}, "x0"),
+    "solid": ({"type": "box", "size": [L, H, H], "divisions": [20, 2, 2],
+               "elements": "hexahedron20"}, "x0"),
+}  # fmt: skip
+WIDTH = {"beam": 1.0, "plate": 4.0, "solid": 1.0}
+
+
+def body(kind, at_interface):
+    mesh, end = MESHES[kind]
+    options = {
+        "mesh": mesh, "material": {"E": E, "nu": 0.3, "density": RHO}, "modes": 10,
+        "interfaces": {"root": end}, "geometric_stiffening": "full",
+    }  # fmt: skip
+    if kind == "beam":
+        options["sections"] = {"all": {"type": "rectangle", "y": H, "z": H, "shear": False}}
+    if kind == "plate":
+        options["sections"] = {"all": {"type": "shell", "thickness": H}}
+    if at_interface:
+        options["interfaces"]["middle"] = {"node": 15}
+    else:
+        options["markers"] = {"middle": {"position": [A, 0, 0]}}
+    return options
+
+
+def column(share, kind="beam", at_interface=False, place=(0, 0, 0), axes="global", **more):
+    push = [-share * EULER * WIDTH[kind], 0, 0]
+    return Model.from_scene_dict({
+        "title": "column", "gravity": "none",
+        "bodies": {"bar": body(kind, at_interface) | {"position": list(place)} | more},
+        "ground": {"markers": {"root": {"position": list(place)}}},
+        "joints": {"root": {"type": "fixed", "between": ["ground.root", "bar.root"]}},
+        "forces": {"push": {"type": "force", "at": "bar.middle", "axes": axes, "value": push}},
+        "sensors": {"middle": {"type": "position", "of": "bar.middle"}},
+        "dynamics": {"duration": 0.02, "start": "quasi-static"},
+    })  # fmt: skip
+
+
+def lowest(model, count=3):
+    made = flexmb.linearize(model).eigenvalues
+    return made[np.argsort(np.abs(made))][:count]
+
+
+@pytest.mark.parametrize(
+    "variant",
+    [{}, {"place": (1000.0, -200.0, 300.0)}, {"frame": "interface root"}, {"axes": "bar.middle"}],
+    ids=["plain", "1 km away", "frame at the root", "following force"],
+)  # fmt: skip
+@pytest.mark.parametrize("share", [0.5, 0.9, -1.0])
+def test_a_force_at_a_node_does_what_it_does_at_an_interface(share, variant):
+    ours, theirs = (lowest(column(share, at_interface=one, **variant)) for one in (False, True))
+    assert np.abs(ours) == pytest.approx(np.abs(theirs), rel=2e-3)
+
+
+@pytest.mark.parametrize("kind", MESHES)
+def test_it_buckles_at_eulers_load(kind):
+    below, above = (lowest(column(x, kind), 1)[0] for x in (0.98, 1.02))
+    assert abs(below.real) < 1e-6 * abs(below.imag)
+    assert above.real > 1e-6 and abs(above.imag) < 1e-6 * above.real
+
+
+def test_a_ball_on_a_node_pulls_at_a_blade_that_spins():
+    """Flapwise frequency by Ritz' method in powers of x; the tension drops behind the ball."""
+    mass, speed, powers = 2.0, 60.0, np.arange(2, 11)
+    model = Model.from_scene_dict({
+        "title": "blade", "gravity": "none", "bodies": {
+            "hub": {"mass": 1.0, "inertia": [1.0, 1.0, 1.0]}, "bar": body("beam", False),
+            "ball": {"mass": mass, "inertia": [1e-6] * 3, "position": [A, 0, 0]},
+        },
+        "joints": {
+            "bearing": {"type": "revolute", "between": ["ground", "hub"], "axis": "z"},
+            "clamp": {"type": "fixed", "between": ["hub", "bar.root"]},
+            "weld": {"type": "fixed", "between": ["bar.middle", "ball"]},
+        },
+        "drivers": {"motor": {"joint": "bearing", "angle": f"{speed}*t"}},
+        "dynamics": {"duration": 0.02, "start": "quasi-static"},
+    })  # fmt: skip
+    M, K = mass * A ** (powers[:, None] + powers), 0.0
+    nodes, weights = np.polynomial.legendre.leggauss(20)
+    for a, b in ((0.0, A), (A, L)):
+        x, w = (0.5 * (a + b) + 0.5 * (b - a) * nodes)[:, None], 0.5 * (b - a) * weights
+        shape, slope = x**powers, powers * x ** (powers - 1)
+        bend = powers * (powers - 1) * x ** (powers - 2)
+        tension = speed**2 * (RHO * H**2 * (L**2 - x[:, 0] ** 2) / 2 + mass * A * (b == A))
+        M = M + RHO * H**2 * (shape.T * w) @ shape
+        K = K + E * H**4 / 12 * (bend.T * w) @ bend + (slope.T * (w * tension)) @ slope
+    flap = np.sqrt(eigh(K, M, eigvals_only=True)[:2])
+    found = np.abs(flexmb.linearize(model).eigenvalues.imag)
+    assert [np.abs(found - rate).min() / rate for rate in flap] == pytest.approx([0, 0], abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("node", "told"),
+    [({"position": [A, 0, 0]}, False), ({"position": [L, 0, 0]}, True)],
+    ids=["inside", "of a rigid interface"],
+)
+def test_only_nodes_of_rigid_interfaces_do_not_stiffen(node, told, tmp_path):
+    """Of other nodes the reduction knows from the scene; it was told of all of them."""
+    model = column(0.1, "plate")
+    bar = body("plate", False)
+    bar["interfaces"]["tip"], bar["markers"] = "x1", {"middle": node}
+    model = Model.from_scene_dict(model.to_scene_dict() | {"bodies": {"bar": bar}})
+    model.set_validity(node_loads="any")
+    notes = [n for n in flexmb.simulate(model, output=tmp_path).notes if "not stiffen" in n]
+    assert bool(notes) == told
+    again = flexmb.simulate(model, output=tmp_path).notes
+    assert any("reused" in note for note in again)
