@@ -175,7 +175,8 @@ def reduce(
     load_points : sequence of int or (3,) float
         Mesh nodes besides the interfaces at which a scene applies loads, or positions [m] near
         them. The body then stores which part of the static response there its modes lack, and a
-        run reports it; with geometric stiffening also what forces there do to its stiffness.
+        run reports it; with geometric stiffening also what forces there do to its stiffness, and
+        how the nodes move to second order.
     stiffness, mass : (N, N) sparse, optional
         With a basis: matrices of the free body over its degrees of freedom; ``material`` is then
         used only for stress and geometric stiffening.

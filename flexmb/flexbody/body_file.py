@@ -89,7 +89,7 @@ TABLE = (
     Dataset("nodes/position", "f8", ("k", 3), "undeformed [m]", True),
     Dataset("nodes/Phi_t", "f8", ("k", 3, "m"), "displacement per unit eta [m]", True),
     Dataset("nodes/Phi_r", "f8", ("k", 3, "m"), "rotation per unit eta [rad]", True),
-    Dataset("nodes/bent", "i8", ("f",), "mesh nodes with a bend", True),
+    Dataset("nodes/bend_nodes", "i8", ("f",), "mesh nodes with a bend", True),
     Dataset("nodes/bend", "f8", ("f", 3, "m", "m"), "as of interfaces", True),
     Dataset("groups/name", "text", ("u",), "named groups of mesh nodes", True),
     Dataset("groups/count", "i8", ("u",), "how many nodes each holds", True),

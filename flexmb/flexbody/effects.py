@@ -78,7 +78,7 @@ def without_stiffening(body: FlexBody) -> FlexBody:
         replace(load, points=tuple(replace(point, bend=None) for point in load.points))
         for load in body.loads
     )
-    nodes = None if body.nodes is None else replace(body.nodes, bent=None, bend=None)
+    nodes = None if body.nodes is None else replace(body.nodes, bend_nodes=None, bend=None)
     return replace(body, centrifugal_stiffness=None, interfaces=ends, nodes=nodes, loads=loads)
 
 
@@ -134,7 +134,7 @@ def frame_at_interface(body: FlexBody, name: str) -> FlexBody:
     if nodes is not None:
         Phi_r = None if nodes.Phi_r is None else nodes.Phi_r + turn
         Phi_t = nodes.Phi_t + _rigid_displacement(nodes.position, shift, turn)
-        bends = [one.bend for one in in_frame(tuple(nodes.bent_points()))]
+        bends = [one.bend for one in in_frame(tuple(nodes.points_with_bend()))]
         bend = nodes.bend if not bends else np.array(bends)
         nodes = replace(nodes, Phi_t=Phi_t, Phi_r=Phi_r, bend=bend)
     if surface is not None:

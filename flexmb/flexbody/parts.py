@@ -155,8 +155,9 @@ class NodeModes:
         Small rotation per unit modal coordinate [rad]; None if the body has no rotations.
     groups : mapping of str to (g,) int
         Nodes of the body in each named group of its mesh.
-    bent : (b,) int, optional
-        Nodes whose ``bend`` is known: those at which loads act on a body with geometric stiffening.
+    bend_nodes : (b,) int, optional
+        Nodes whose ``bend`` is known: those of loads and sensors on a body with geometric
+        stiffening.
     bend : (b, 3, m, m) float, optional
         As of :class:`Interface`.
     """
@@ -166,7 +167,7 @@ class NodeModes:
     Phi_t: FloatArray
     Phi_r: FloatArray | None = None
     groups: Mapping[str, IntArray] = field(default_factory=dict)
-    bent: IntArray | None = None
+    bend_nodes: IntArray | None = None
     bend: FloatArray | None = None
 
     def __post_init__(self) -> None:
@@ -182,13 +183,13 @@ class NodeModes:
         for name, nodes in self.groups.items():
             if not np.isin(nodes, self.ids).all():
                 check.add("groups", f'"{name}" holds nodes that the body does not have')
-        if self.bent is not None and self.bend is not None:
-            set_fields(self, bent=check.integers("bent", self.bent, (None,)))
-            b, m = len(self.bent), self.Phi_t.shape[2]
+        if self.bend_nodes is not None and self.bend is not None:
+            set_fields(self, bend_nodes=check.integers("bend_nodes", self.bend_nodes, (None,)))
+            b, m = len(self.bend_nodes), self.Phi_t.shape[2]
             set_fields(self, bend=check.floats("bend", self.bend, (b, 3, m, m)))
-            if not np.isin(self.bent, self.ids).all():
-                check.add("bent", "holds nodes that the body does not have")
-        elif self.bent is not None or self.bend is not None:
+            if not np.isin(self.bend_nodes, self.ids).all():
+                check.add("bend_nodes", "holds nodes that the body does not have")
+        elif self.bend_nodes is not None or self.bend is not None:
             check.add("bend", "needs both the nodes and their bend")
         check.raise_problems()
 
@@ -199,18 +200,18 @@ class NodeModes:
 
     def bend_at(self, row: int) -> FloatArray | None:
         """(3, m, m) bend of the node in a row; None: not known."""
-        if self.bent is None or self.bend is None:
+        if self.bend_nodes is None or self.bend is None:
             return None
-        at = np.flatnonzero(self.bent == self.ids[row])
+        at = np.flatnonzero(self.bend_nodes == self.ids[row])
         return np.asarray(self.bend[at[0]]) if len(at) else None
 
-    def bent_points(self) -> list[Interface]:
+    def points_with_bend(self) -> list[Interface]:
         """The nodes whose bend is known, as points; their rotations are zero if not known."""
-        if self.bent is None or self.bend is None:
+        if self.bend_nodes is None or self.bend is None:
             return []
-        rows = np.searchsorted(self.ids, self.bent)
+        rows = np.searchsorted(self.ids, self.bend_nodes)
         turns = np.zeros_like(self.Phi_t) if self.Phi_r is None else self.Phi_r
-        fields = (self.bent, self.position[rows], self.Phi_t[rows], turns[rows], self.bend)
+        fields = (self.bend_nodes, self.position[rows], self.Phi_t[rows], turns[rows], self.bend)
         return [Interface(f"node {node}", *rest) for node, *rest in zip(*fields, strict=True)]
 
 

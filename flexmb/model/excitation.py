@@ -149,15 +149,34 @@ def marker_interface(body: BodySpec, place: str) -> str | None:
 
 
 def load_points(model: ModelData, name: str) -> list[int | tuple[float, ...]]:
-    """Nodes of a body at which something acts, or positions [m] whose nearest nodes are meant."""
+    """Nodes of a body at which something acts, or positions [m] whose nearest nodes are meant.
+
+    With geometric stiffening also those at which sensors measure: the motion of an end that comes
+    nearer as the body bends is that of a force there.
+    """
     points: list[int | tuple[float, ...]] = []
-    for _, owner, reference in loads_beside_interfaces(model):
-        if owner == name:
-            marker = model.bodies[owner].markers[reference.partition(".")[2]]
-            point = tuple(marker.position or ()) if marker.node is None else marker.node
-            if point != () and point not in points:
-                points.append(point)
+    places = [marker for _, owner, marker in loads_beside_interfaces(model) if owner == name]
+    if getattr(model.bodies[name], "geometric_stiffening", "none") != "none":
+        places += _sensors_beside_interfaces(model, name)
+    for reference in places:
+        marker = model.bodies[name].markers[reference.partition(".")[2]]
+        point = tuple(marker.position or ()) if marker.node is None else marker.node
+        if point != () and point not in points:
+            points.append(point)
     return points
+
+
+def _sensors_beside_interfaces(model: ModelData, name: str) -> list[str]:
+    """Markers of sensors on nodes of a body besides its interfaces."""
+    markers = []
+    for spec in model.sensors.values():
+        for field in ("of", "relative_to", "between"):
+            ends = getattr(spec, field, None) or ()
+            for marker in (ends,) if isinstance(ends, str) else ends:
+                owner, _, place = marker.partition(".")
+                if owner == name and is_beside_interfaces(model.bodies[name], place):
+                    markers.append(marker)
+    return markers
 
 
 def needs_inertia_residuals(model: ModelData, name: str, bodies: Mapping[str, FlexBody]) -> bool:

@@ -1,9 +1,9 @@
 """Geometric stiffening: what stresses do to the stiffness of the modes.
 
 A body stores the reduced geometric stiffness of the six centrifugal loads per mass (e_a s_b + e_b
-s_a)/2, of a unit force along each axis at each interface and each node that is loaded, and of its
-own loads. The stress is that
-of the free body under a load and the inertia forces of the rigid acceleration that it causes.
+s_a)/2, of a unit force along each axis at each interface and at given nodes, and of its own loads.
+The stress is that of the free body under a load and the inertia forces of the rigid acceleration
+that it causes.
 Uniform and angular accelerations have no geometric stiffness of their own, since their inertia
 forces balance the loads. All these together cover every inertia and interface load of a motion; the
 centrifugal loads alone would be wrong. Sources: Wallrapp & Schwertassek, Representation of
@@ -59,7 +59,7 @@ def with_geometric_stiffening(
     patterns : tuple of LoadPattern
         The loads of the body, in their order.
     nodes : sequence of int
-        Nodes at which loads act; those of a rigid interface are left out.
+        Nodes at which loads act or sensors measure.
     progress : Progress
         Called with the phase ``"stiffening"``.
     """
@@ -69,8 +69,7 @@ def with_geometric_stiffening(
     forces = fixed.loads()
     loads += [forces[:, 6 * k + d] for k in range(len(interfaces)) for d in range(3)]
     units = slice(len(fields), len(loads))  # the unit forces at interfaces
-    at_nodes = {node: node_loads(fe, node, interfaces)[:, :3] for node in nodes}
-    at_nodes = {node: F for node, F in at_nodes.items() if F.any()}
+    at_nodes = {node: node_loads(fe, node, ())[:, :3] for node in nodes}
     loads += [pattern.f for pattern in patterns]
     loads += [F[:, d] for F in at_nodes.values() for d in range(3)]
     forms = np.zeros((len(loads), body.m, body.m))
@@ -97,7 +96,7 @@ def with_geometric_stiffening(
     table = body.nodes
     if table is not None and at_nodes:
         bend = forms[own.stop :].reshape(len(at_nodes), 3, body.m, body.m)
-        table = replace(table, bent=np.array(list(at_nodes)), bend=bend)
+        table = replace(table, bend_nodes=np.array(list(at_nodes)), bend=bend)
     return replace(
         body,
         centrifugal_stiffness=centrifugal,
