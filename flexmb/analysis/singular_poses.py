@@ -17,8 +17,8 @@ from flexmb.analysis.assembly.jacobian import (
     MAX_COORDINATES,
     ConstraintRows,
     Decomposition,
+    DenseJacobian,
     WeightedJacobian,
-    dense_jacobian,
     one_blas_thread,
 )
 from flexmb.analysis.failure_messages import not_finite_function
@@ -126,7 +126,7 @@ class KinematicPose:
     def jacobian(self, q: Array | None = None) -> WeightedJacobian:
         """The Jacobian of undeformed bodies at the pose, or at other positions."""
         work = self.evaluate(self.time, self.state.q if q is None else q, self.state.v)
-        Cq = dense_jacobian(self.compiled, work)
+        Cq = DenseJacobian(self.compiled).of(work)
         return WeightedJacobian.of(self.compiled, Cq).without_modes()
 
     def joint_rates(self, motions: Array) -> dict[str, Array]:

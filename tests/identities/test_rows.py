@@ -10,7 +10,7 @@ from jointfields import special_fields
 from mechanisms import excavator, quick_return
 from rowmeasures import MEASURES, moved, rows_at
 
-from flexmb.analysis.assembly.jacobian import ConstraintRows, dense_jacobian, row_gradient
+from flexmb.analysis.assembly.jacobian import ConstraintRows, DenseJacobian, row_gradient
 from flexmb.engine.compiled_units import interpretation, interpreted, prepare_units
 from flexmb.engine.initial_conditions import evaluate_rows
 from flexmb.engine.joints import DISTANCE, RADIAL, ROW_KINDS
@@ -59,7 +59,7 @@ def test_values_and_jacobian_are_those_of_the_kernels(bench):
     np.testing.assert_allclose(rows.C, bench.C, rtol=0, atol=ROUND_OFF)
     np.testing.assert_allclose(rows.Cq, bench.Cq, rtol=0, atol=ROUND_OFF)
     np.testing.assert_allclose(rows.markers.x, bench.marker("x"), rtol=0, atol=ROUND_OFF)
-    dense = dense_jacobian(bench.compiled, bench.work)
+    dense = DenseJacobian(bench.compiled).of(bench.work)
     np.testing.assert_allclose(rows.Cq, dense, rtol=0, atol=ROUND_OFF)
 
 

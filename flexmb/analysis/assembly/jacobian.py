@@ -287,6 +287,7 @@ class ConstraintRows:
         self._state = new_state(compiled.system, channels)
         self.work = new_work(compiled.system, channels)
         self._put_rows = row_evaluator(compiled.system, self._state, self.work)
+        self._dense = DenseJacobian(compiled)
 
     def evaluate(self, q: Array, t: float = 0.0) -> ConstraintPose:
         """The rows at the positions q (nq,) and the time t [s]."""
@@ -298,7 +299,7 @@ class ConstraintRows:
             self.compiled,
             q.copy(),
             self.work.con.C.copy(),
-            dense_jacobian(self.compiled, self.work),
+            self._dense.of(self.work),
             markers["x"].copy(),
             markers["R"].copy(),
         )
@@ -325,31 +326,45 @@ def _axes(row: np.void) -> tuple[int, int, int]:
     return int(row["kind"]), int(row["a"]), int(row["b"])
 
 
-def dense_jacobian(compiled: Compiled, work: Work) -> Array:
-    """Cq (nc, nv) from the rows on bodies (Dense.jac) and the markers, as units left them."""
-    system, jac = compiled.system, work.dense.jac
-    rows, parts = system.rows, system.parts
-    Cq = np.zeros((compiled.layout.nc, compiled.layout.nv))
-    for side in "IJ":
-        places = rows[f"jac_{side}"]
-        on_body = np.flatnonzero(places >= 0)
-        bodies = parts.bodies[parts.markers["body"][rows[side][on_body]]]
-        for m in np.unique(bodies["m"]):
-            mine, count = bodies["m"] == m, np.arange(6 + m)
-            k = on_body[mine, None]
-            Cq[k, bodies["iv"][mine, None] + count] += jac[places[k] + count]
-    for coupled in system.coupled:
-        Cq[coupled["row"], parts.coordinates[coupled["coordinate"]]["iv"]] -= coupled["factor"]
-    markers = work.now.marker
-    for curve, now in zip(parts.curve_markers, work.now.curve_marker, strict=True):
-        # rows on curve markers change with the places of these along their curves
-        group, first = system.groups[curve["group"]], 6 * curve["side"]
-        column = parts.coordinates[curve["coordinate"]]["iv"]
-        for row in range(group["row"], group["row"] + group["n"]):
-            mi, mj = markers[rows[row]["I"]], markers[rows[row]["J"]]
-            g = row_gradient(_axes(rows[row]), mi["x"], mi["R"], mj["x"], mj["R"])
-            Cq[row, column] = g[first : first + 6] @ now["J"]
-    return Cq
+class DenseJacobian:
+    """Cq (nc, nv) of a system; where its entries are, is found once."""
+
+    def __init__(self, compiled: Compiled) -> None:
+        self._compiled, self._entries = compiled, []
+        system, parts = compiled.system, compiled.system.parts
+        rows = system.rows
+        for side in "IJ":
+            places = rows[f"jac_{side}"]
+            on_body = np.flatnonzero(places >= 0)
+            bodies = parts.bodies[parts.markers["body"][rows[side][on_body]]]
+            for m in np.unique(bodies["m"]):
+                mine, count = bodies["m"] == m, np.arange(6 + m)
+                k = on_body[mine, None]
+                columns = bodies["iv"][mine, None] + count
+                self._entries.append((k, columns, places[k] + count))
+
+    def of(self, work: Work) -> Array:
+        """From the rows on bodies (Dense.jac) and the markers, as units left them."""
+        system, layout, parts = (
+            self._compiled.system,
+            self._compiled.layout,
+            self._compiled.system.parts,
+        )
+        rows, jac, Cq = system.rows, work.dense.jac, np.zeros((layout.nc, layout.nv))
+        for k, columns, places in self._entries:
+            Cq[k, columns] += jac[places]
+        for coupled in system.coupled:
+            Cq[coupled["row"], parts.coordinates[coupled["coordinate"]]["iv"]] -= coupled["factor"]
+        markers = work.now.marker
+        for curve, now in zip(parts.curve_markers, work.now.curve_marker, strict=True):
+            # rows on curve markers change with the places of these along their curves
+            group, first = system.groups[curve["group"]], 6 * curve["side"]
+            column = parts.coordinates[curve["coordinate"]]["iv"]
+            for row in range(group["row"], group["row"] + group["n"]):
+                mi, mj = markers[rows[row]["I"]], markers[rows[row]["J"]]
+                g = row_gradient(_axes(rows[row]), mi["x"], mi["R"], mj["x"], mj["R"])
+                Cq[row, column] = g[first : first + 6] @ now["J"]
+        return Cq
 
 
 @one_blas_thread()
@@ -362,7 +377,7 @@ def constraint_rank(compiled: Compiled, work: Work) -> int | None:
     """
     if n_free(compiled) > MAX_COORDINATES:
         return None
-    A = WeightedJacobian.of(compiled, dense_jacobian(compiled, work)).A
+    A = WeightedJacobian.of(compiled, DenseJacobian(compiled).of(work)).A
     return numerical_rank(np.asarray(np.linalg.svd(A, compute_uv=False)))
 
 

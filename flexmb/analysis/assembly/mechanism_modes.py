@@ -19,8 +19,8 @@ from scipy.linalg import block_diag, qr
 
 from flexmb.analysis.assembly.jacobian import (
     Decomposition,
+    DenseJacobian,
     column_scales,
-    dense_jacobian,
     null_space,
 )
 from flexmb.engine.allocation import new_state, new_work
@@ -59,7 +59,7 @@ class MechanismModes:
         places = np.concatenate([_columns(layout.bodies[k]) for k in bodies])
         if everything:
             places = np.arange(layout.nv)
-            A = dense_jacobian(compiled, work)
+            A = DenseJacobian(compiled).of(work)
         else:
             A = _rows_of_body(compiled, work, *bodies)
         order = np.full(layout.nv, -1)

@@ -17,8 +17,8 @@ import numpy as np
 
 from flexmb.analysis.assembly.jacobian import (
     MAX_COORDINATES,
+    DenseJacobian,
     WeightedJacobian,
-    dense_jacobian,
     n_free,
     numerical_rank,
     one_blas_thread,
@@ -59,7 +59,7 @@ def choose_static_modes(compiled: Compiled, q: Array) -> Compiled:
     state, work = new_state(compiled.system), new_work(compiled.system)
     state.q[:] = q
     row_evaluator(compiled.system, state, work)()
-    rows = WeightedJacobian.of(compiled, dense_jacobian(compiled, work))
+    rows = WeightedJacobian.of(compiled, DenseJacobian(compiled).of(work))
     ranks = [
         numerical_rank(np.asarray(np.linalg.svd(A, compute_uv=False)), 1.0)
         for A in (rows.A, rows.A[:, ~np.isin(rows.columns, modes)])

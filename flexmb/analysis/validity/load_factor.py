@@ -49,6 +49,7 @@ _MIN_ESTIMATE = 0.3
 _MAX_ENTRIES = 2_000_000  # matrix entries of all rows that are examined together
 _MAX_ROW_WEIGHT = 0.125  # largest weight of one row in the mean
 _RARE_ROWS = 0.25  # share of a period between two rows from which on these are rare
+_ROWS_AT_ONCE = 100  # rows whose means are computed together: the weight of the first is 1e-6
 # What rates do not explain, over the change of the distance of the ends, from which on it is none
 # of a slow motion.
 _FAST = 0.3
@@ -137,16 +138,14 @@ class LoadFactorMonitor:
         slow = np.zeros_like(values)
         for k, ((columns, *_), along) in enumerate(zip(self._bodies, self._stretches, strict=True)):
             slow[:, k], self._last[k] = slow_shares(columns, along, rows, self._last[k])
-        for row in range(len(rows.t)) if worth.any() or self._mean[0].any() else ():
-            self._average(float(rows.t[row]), values[row], slow[row])
-
-    def _average(self, t: float, values: Array, slow: Array) -> None:
-        """Update the means over a vibration period by the values at time t."""
-        passed = (t - self._mean[1]) / self._periods if self._is_motion else np.nan * values
-        self._mean[0], mean = period_mean(self._mean[0], passed, values, slow)
-        self._mean[1] = t
-        larger = mean > self._largest[0]
-        self._largest[:, larger] = mean[larger], np.full(larger.sum(), t)
+        last = np.append(self._mean[1, :1], rows.t)
+        passed = np.diff(last)[:, None] / self._periods if self._is_motion else None
+        mean, means = period_means(self._mean[0], passed, values, slow)
+        self._mean = np.array([mean, np.full_like(mean, rows.t[-1])])
+        best = means.argmax(axis=0)
+        largest = np.take_along_axis(means, best[None], axis=0)[0]
+        larger = largest > self._largest[0]
+        self._largest[:, larger] = largest[larger], rows.t[best[larger]]
 
     def add_last(self, rows: OutputBlock) -> None:
         """Add the last row of a run that failed, without averaging."""
@@ -291,24 +290,34 @@ def slow_shares(
     return np.nan_to_num((1.0 - share / _FAST).clip(0.0)), table[-1]
 
 
-def period_mean(
-    mean: Array, passed: Array | float, values: Array, slow: Array | float
+def period_means(
+    mean: Array, passed: Array | None, values: Array, slow: Array
 ) -> tuple[Array, Array]:
-    """The mean after the next row, and the force that counts there.
+    """The mean after some rows, and the values (t, n) that count in each of them.
 
     Parameters
     ----------
     mean : (n,) array
-        Mean up to the last row; NaN: none yet.
-    passed : (n,) array or float
-        Time since the last row, in periods; NaN: separate rows.
-    values : (n,) array
-        Forces of this row.
-    slow : (n,) array or float
+        Mean up to the last row before; NaN: none yet.
+    passed : (t, 1) or (t, n) array, optional
+        Time since the row before, in periods; NaN in the first row if there was none. None:
+        separate rows.
+    values : (t, n) array
+        Values of the rows.
+    slow : (t, 1) or (t, n) array
         As of `slow_shares`.
     """
-    begins = np.isnan(passed) | np.isnan(mean)
-    weight = np.where(begins, 1.0, np.minimum(passed, _MAX_ROW_WEIGHT))
-    mean = np.where(begins, values, mean + weight * (values - mean))
+    if passed is None:
+        return values[-1], values
+    weights = np.broadcast_to(np.minimum(passed, _MAX_ROW_WEIGHT), values.shape)
+    means = np.empty_like(values)
+    begin = 0
+    if np.isnan(passed[0]).any() or np.isnan(mean).any():
+        means[0], mean, begin = values[0], values[0], 1
+    for first in range(begin, len(values), _ROWS_AT_ONCE):
+        part = slice(first, first + _ROWS_AT_ONCE)
+        left = np.cumprod(1.0 - weights[part], axis=0)
+        means[part] = left * (mean + np.cumsum(weights[part] * values[part] / left, axis=0))
+        mean = means[part][-1]
     counts = np.where(passed > _RARE_ROWS, slow, 0.0)
-    return mean, mean + counts * (values - mean)
+    return mean, means + counts * (values - means)

@@ -30,7 +30,7 @@ from flexmb.analysis.validity.joined_body import (
 from flexmb.analysis.validity.linear_elasticity import largest_lengths
 from flexmb.analysis.validity.load_factor import (
     LoadFactorMonitor,
-    period_mean,
+    period_means,
     slow_shares,
     stretch,
 )
@@ -174,18 +174,12 @@ class OmittedStiffeningMonitor:
 
     def _means(self, k: int, rows: OutputBlock, forces: Array) -> Array:
         """(t, s) means of the forces over a vibration period."""
-        means, one, mean, last = (
-            np.empty_like(forces),
-            self._bars[k],
-            self._forces[k],
-            self._last[k],
-        )
+        one, last = self._bars[k], self._last[k]
         slow, end = slow_shares(one.columns, stretch(one.body, one.axis), rows, last)
-        passed = np.diff(np.append(last[0], rows.t)) / self._periods[k]
-        for row in range(len(forces)):
-            since = passed[row] if self._is_motion else np.nan
-            mean, means[row] = period_mean(mean, since, forces[row], slow[row])
-        self._forces[k], self._last[k] = mean, end
+        passed = np.diff(np.append(last[0], rows.t))[:, None] / self._periods[k]
+        since = passed if self._is_motion else None
+        self._forces[k], means = period_means(self._forces[k], since, forces, slow[:, None])
+        self._last[k] = end
         return means
 
     def indicators(self) -> Iterator[Indicator]:
