@@ -9,6 +9,7 @@ from flexmb.engine import forces
 from flexmb.engine.bodies.flexible_body import FLEXIBLE_BODIES
 from flexmb.engine.bodies.inertia_coupling import CONSTANT_BODIES, PARTIAL_BODIES
 from flexmb.engine.bodies.marker import FLEXIBLE_MARKERS, POINT_MARKERS, RIGID_MARKERS
+from flexmb.engine.bodies.membrane_forces import MEMBRANE_FORCES
 from flexmb.engine.bodies.rigid_body import PLANAR_BODIES, RIGID_BODIES
 from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.function import TIME_FUNCTIONS
@@ -37,6 +38,7 @@ KINDS: tuple[Kind, ...] = (
     PARTIAL_BODIES,
     CONSTANT_BODIES,
     STATIC_MODES,
+    MEMBRANE_FORCES,
     POINT_MARKERS,
     RIGID_MARKERS,
     FLEXIBLE_MARKERS,

@@ -12,6 +12,11 @@ from numpy.typing import NDArray
 
 from flexmb.engine.bodies.flexible_body import modal_block, put_flags
 from flexmb.engine.bodies.marker import MarkerTable
+from flexmb.engine.bodies.membrane_forces import (
+    membrane_block,
+    membrane_stiffness_of,
+    tabulate_membrane_forces,
+)
 from flexmb.engine.bodies.rigid_body import second_moments
 from flexmb.engine.bodies.static_mode_tables import StaticModes, tabulate_static_modes
 from flexmb.engine.geometry import Geometry, coordinate_origin, model_length, reference_points
@@ -37,7 +42,7 @@ from flexmb.flexbody.effects import about_point, without_modal_inertia
 from flexmb.model.body import BodySpec, RigidBodySpec
 from flexmb.model.control import channel_program, resolved, states_of
 from flexmb.model.excitation import cutoff_frequency
-from flexmb.model.flexible_body import COUPLINGS, FlexibleBodySpec
+from flexmb.model.flexible_body import COUPLINGS, FlexibleBodySpec, stretches
 from flexmb.model.model import Model
 from flexmb.model.plane import normal_in_body, plane_axes
 
@@ -92,6 +97,7 @@ def build_tables(model: Model, flexbodies: Mapping[str, FlexBody]) -> ModelTable
     lowering = Lowering(Geometry(model, flexbodies), markers, functions, groups, scalars)
     kinds = {kind.name: lowering.lower(kind) for kind in KINDS if kind.lower is not None}
     kinds["static_modes"] = _static_modes(model, flexbodies, lowering)
+    kinds["membrane_forces"] = tabulate_membrane_forces(bodies)
     kinds = {name: tables for name, tables in kinds.items() if tables is not None}
     length = model_length(model, flexbodies, markers.on_ground(), references)
     markers.origin = coordinate_origin(model, length, references)
@@ -136,6 +142,12 @@ def body_table(
         static = quasi_static(spec, body, model)
         Mab = without_modal_inertia(body, static) if static else None
         row["flex"] = pool.add(modal_block(body, coupling, Mab))
+        membrane = membrane_stiffness_of(body) if stretches(spec) else None
+        if membrane is not None:
+            row["shapes"], row["membrane"] = (
+                len(membrane.shapes),
+                pool.add(membrane_block(membrane)),
+            )
         put_flags(row, body, bool(static))
     for name, n in (("iq", 7 + table["m"]), ("iv", 6 + table["m"]), ("z", deformation_room(table))):
         table[name] = np.cumsum(n) - n

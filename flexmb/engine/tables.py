@@ -41,6 +41,8 @@ BODY = np.dtype(
         ("diagonal", _I),  # 1 if modal mass and stiffness are diagonal
         ("attached", _I),  # 1 if p or the antisymmetric part of P is not zero
         ("z", _I),  # offset of its deformation integrals in Now.Z
+        ("shapes", _I),  # number of shapes with membrane forces; 0: it has none
+        ("membrane", _I),  # offset of these in the pool
         ("panel", _I),  # its panel of the KKT matrix
     ],
     align=True,

@@ -114,7 +114,9 @@ def _frame(value: Any, info: ValidationInfo) -> str:
 Stiffening = Annotated[str, Reader(_stiffening, form=choice(STIFFENINGS))]
 
 
-EFFECT_WORDS = {"deformation", "inertia_coupling", "geometric_stiffening", "frame"}
+EFFECT_WORDS = {
+    "deformation", "inertia_coupling", "geometric_stiffening", "membrane_forces", "frame",
+}  # fmt: skip
 
 
 class FlexibleBodySpec(BodySpec):
@@ -127,6 +129,7 @@ class FlexibleBodySpec(BodySpec):
     deformation: Annotated[Any, _Deformation()] = "dynamic"
     inertia_coupling: Literal["constant", "partial", "full"] = "full"
     geometric_stiffening: Stiffening | None = None
+    membrane_forces: Literal["none", "full"] = "none"
     frame: Annotated[str, Reader(_frame, form=choice((MEAN_AXIS, "interface NAME")))] = MEAN_AXIS
     damping: DampingField | None = None
 
@@ -176,6 +179,10 @@ class FlexibleBodySpec(BodySpec):
             what = "the body has no data for it: reduce its mesh with geometric_stiffening = "
             what += '"full" (flexmb reduce --geometric-stiffening full)'
             problems.append(Problem("geometric_stiffening", what))
+        if self.membrane_forces == "full" and body.m and body.membrane_stiffness is None:
+            what = "the body has no data for them: plates, shells and solids of such shapes have, "
+            what += "with interfaces, in space, reduced from a mesh"
+            problems.append(Problem("membrane_forces", what))
         problems += self.mode_problems(body.m) if body.m else []  # none: it is not reduced yet
         stiffness = np.diag(body.K)
         for k in () if problems else self.static_modes(body):
@@ -208,6 +215,7 @@ class FlexibleBodySpec(BodySpec):
             stiffened = body.centrifugal_stiffness is not None
         parts += [f"{self.inertia_coupling} coupling"]
         parts += ["geometric stiffening"] if stiffened else ["no geometric stiffening"]
+        parts += ["membrane forces"] if self.membrane_forces == "full" else []
         parts += [] if self.frame == MEAN_AXIS else [f"frame at {self.frame}"]
         if self.frame != MEAN_AXIS and self.deformation == "quasi-static":
             parts[-1] += " (where loads jump or bend momentum is lost in it; mean axes keep it)"
@@ -241,6 +249,13 @@ class FlexibleBodySpec(BodySpec):
         hertz = np.sqrt(square.clip(0.0)) / (2.0 * math.pi)
         stiff = square > _NO_STIFFNESS * square.max(initial=0.0)
         return tuple(k for k in every if stiff[k] and not low <= hertz[k] <= high)
+
+
+def stretches(spec: object) -> bool:
+    """Whether a run includes the membrane forces of a body."""
+    if not isinstance(spec, FlexibleBodySpec) or spec.deformation == "rigid":
+        return False
+    return spec.membrane_forces == "full"
 
 
 def _read_source(value: Any, info: ValidationInfo) -> Any:

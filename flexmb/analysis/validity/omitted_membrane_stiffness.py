@@ -37,6 +37,7 @@ from flexmb.flexbody import FlexBody, MembraneStiffness
 from flexmb.flexbody.arrays import Array
 from flexmb.flexbody.membrane_stiffness import small_load
 from flexmb.flexbody.static_response import LEAST_MOTION
+from flexmb.model.flexible_body import stretches
 from flexmb.model.model import Model
 from flexmb.results.output_block import OutputBlock
 from flexmb.units import percent
@@ -209,7 +210,8 @@ def _plates(compiled: Compiled, model: Model) -> Iterator[_Plate]:
     """The bodies with membrane stiffness."""
     for columns, body in flexible_columns(compiled):
         stiffness = body.membrane_stiffness
-        if stiffness is not None and body.nodes is not None:
+        has_them = stretches(model.bodies[columns.name])
+        if stiffness is not None and body.nodes is not None and not has_them:
             points = relative_motion(body, joined_frame(body, columns.name, model))[0]
             sensors = tuple(position_sensors(compiled, model, columns, body))
             yield _Plate(columns, body, stiffness, points, sensors)

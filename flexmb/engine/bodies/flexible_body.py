@@ -42,6 +42,7 @@ from flexmb.engine.algebra.vector import (
     turned,
     turned_back,
 )
+from flexmb.engine.bodies.membrane_forces import membrane_energy
 from flexmb.engine.bodies.rigid_body import (
     Array,
     Bodies,
@@ -341,7 +342,10 @@ def body_energy(run: Run, i: int, what: int, at: Point) -> float:
     """Kinetic (0), strain (1) or gravity (2) energy of one body, J; after a velocity stage."""
     parts = run.system.parts
     if what == 1:
-        return _strain(parts, at.q, i)
+        e = _strain(parts, at.q, i)
+        if parts.bodies[i]["shapes"] > 0:
+            e += membrane_energy(parts.bodies[i], parts.pool, at.q, run.work.dense.B[0])
+        return e
     e = frame_energy(run, i, what, at)
     if what == 0 and parts.bodies[i]["m"] > 0:
         e += _modal_kinetic(parts, run.work.now, at.v, i)
@@ -432,6 +436,7 @@ def put_flags(row: Any, body: FlexBody, static: bool) -> None:
     turned = np.abs(arms).max(axis=0) > _ROUND_OFF * size * np.sqrt(np.trace(body.S0))
     row["attached"] = int(np.any(moved | turned))
     decoupled = not (static and row["attached"])
+    decoupled &= not row["shapes"]  # membrane forces couple all modes
     row["diagonal"] = int(diagonal(body.M_eta) and diagonal(body.K) and decoupled)
     row["damped"] = 0 if body.D is None or not np.any(body.D) else 2 if diagonal(body.D) else 1
 

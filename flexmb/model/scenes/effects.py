@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, TypeVar
 from pydantic import StrictBool
 
 from flexmb.errors import Problem
-from flexmb.model.flexible_body import FlexibleBodySpec
+from flexmb.model.flexible_body import FlexibleBodySpec, stretches
 from flexmb.model.forces.contact import ContactSpec
 from flexmb.model.forces.force_characteristic import AnyStop
 from flexmb.model.forces.friction import JointFrictionSpec
@@ -105,6 +105,10 @@ def effect_problems(model: ModelData) -> Iterator[Problem]:
         if static and method in _BY_POSITIONS:
             what = f"the method {method} knows no quasi-static modes: choose another method, or "
             yield Problem(f"bodies.{name}.deformation", what + '"dynamic"')
+        if static and stretches(body):
+            what = "quasi-static modes follow their loads by a constant stiffness, which membrane "
+            what += 'forces change: make all modes "dynamic", or leave out membrane_forces'
+            yield Problem(f"bodies.{name}.deformation", what)
     if model.effects is not None and model.effects.choice == "auto" and not model.channels():
         first = next(iter(model.bodies), "body")
         yield Problem(
