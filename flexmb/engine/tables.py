@@ -41,8 +41,8 @@ BODY = np.dtype(
         ("diagonal", _I),  # 1 if modal mass and stiffness are diagonal
         ("attached", _I),  # 1 if p or the antisymmetric part of P is not zero
         ("z", _I),  # offset of its deformation integrals in Now.Z
-        ("shapes", _I),  # number of shapes with membrane forces; 0: it has none
-        ("membrane", _I),  # offset of these in the pool
+        ("shapes", _I),  # number of shapes with membrane forces
+        ("membrane", _I),  # their pool offset
         ("panel", _I),  # its panel of the KKT matrix
     ],
     align=True,
@@ -439,11 +439,10 @@ class Layout:
                 e0, e = np.split(moved[0][..., body.iq + 3 : body.iq + 7], [1], axis=-1)
                 changes = [np.array(reference)]
                 if len(rows) > 1:
-                    w = moved[1][..., turn]
-                    changes.append(np.cross(w, reference))
+                    changes.append(np.cross(moved[1][..., turn], reference))
                 if len(rows) > 2:
                     changes.append(np.cross(moved[2][..., turn], reference))
-                    changes[2] += np.cross(w, changes[1])
+                    changes[2] += np.cross(moved[1][..., turn], changes[1])
                 for k, s in enumerate(changes):
                     x = 2.0 * np.cross(e, s)
                     own = slice(body.iq, body.iq + 3) if k == 0 else place

@@ -25,6 +25,7 @@ from flexmb.flexbody.arrays import Checker, FloatArray, IntArray
 
 _STEPS, _ITERATIONS = 8, 30  # of the load; of Newton's method in each of them, at most
 _CONVERGED = 1e-9  # change of the coordinates over these
+_MAIN_SHARE = 0.3  # strain energy of a main shape over the largest, from which on it is one
 
 
 def shape_pairs(count: int) -> tuple[IntArray, IntArray]:
@@ -93,6 +94,19 @@ class MembraneStiffness:
         values, vectors = np.linalg.eigh(left)
         left = (vectors * values.clip(0.0)) @ vectors.T
         return MembraneStiffness(self.shapes, np.zeros_like(self.linear), left)
+
+    def main_shapes(self, eta: FloatArray, K: FloatArray) -> MembraneStiffness:
+        """That of the shapes with most of the strain energy in a deformation eta (m,).
+
+        K (m, m) is the stiffness of the modes.
+        """
+        size = np.linalg.inv(self.shapes @ np.linalg.solve(K, self.shapes.T))
+        energy = np.diag(size) * (self.shapes @ eta) ** 2
+        keep = np.flatnonzero(energy >= _MAIN_SHARE * energy.max())
+        pairs = np.flatnonzero(np.isin(shape_pairs(len(energy)), keep).all(axis=0))
+        return MembraneStiffness(
+            self.shapes[keep], self.linear[:, pairs], self.quadratic[np.ix_(pairs, pairs)]
+        )
 
     def products(self, eta: FloatArray) -> FloatArray:
         """(..., k (k + 1)/2) products of the coordinates of shapes, by eta (..., m)."""

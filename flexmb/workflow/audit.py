@@ -294,7 +294,7 @@ def _verdict(on: bool, share: float, budget: float) -> str:
 
 def _membrane_forces(monitor: ValidityMonitor, budget: float) -> Iterator[EffectOutcome]:
     """What the membrane forces of plates and shells, which are left out, would contribute."""
-    from flexmb.analysis.validity.omitted_membrane_stiffness import LARGEST_SENSOR_CHANGE
+    from flexmb.analysis.validity.membrane_forces import LARGEST_SENSOR_CHANGE
 
     for one in monitor.indicators():
         if one.quantity == "membrane_forces":

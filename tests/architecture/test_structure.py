@@ -13,7 +13,7 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "files": 395,
+    "files": 396,
     "lines": 105_700,
     "participles": 30,
     "base names of three and more files": 0,

@@ -41,6 +41,7 @@ from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.flexbody.static_response import LEAST_MOTION
 from flexmb.model.excitation import marker_interface
+from flexmb.model.flexible_body import stretches
 from flexmb.model.model import Model
 from flexmb.model.reading import GROUND
 
@@ -215,6 +216,8 @@ def bars_without_stiffening(compiled: Compiled, model: Model) -> Iterator[Slende
     for columns, body in flexible_columns(compiled):
         axis, length = slender_axis(body, _SLENDER)
         if body.centrifugal_stiffness is not None or not length or body.nodes is None:
+            continue
+        if stretches(model.bodies[columns.name]):
             continue
         number = int(np.flatnonzero(numbers == columns.iv)[0])
         frame = joined_frame(body, columns.name, model)

@@ -183,11 +183,9 @@ def _membrane_monitors(compiled: Compiled, model: Model, bows: set[str]) -> Iter
     """The monitor of plates and shells, if there are any beside those that bend as bars."""
     every = compiled.flexbodies.items()
     if any(body.membrane_stiffness and name not in bows for name, body in every):
-        from flexmb.analysis.validity.omitted_membrane_stiffness import (
-            OmittedMembraneStiffnessMonitor,
-        )
+        from flexmb.analysis.validity.membrane_forces import MembraneForcesMonitor
 
-        yield OmittedMembraneStiffnessMonitor(compiled, model, bows)
+        yield MembraneForcesMonitor(compiled, model, bows)
 
 
 def _tells(other: Indicator, one: Indicator) -> bool:

@@ -342,10 +342,8 @@ def body_energy(run: Run, i: int, what: int, at: Point) -> float:
     """Kinetic (0), strain (1) or gravity (2) energy of one body, J; after a velocity stage."""
     parts = run.system.parts
     if what == 1:
-        e = _strain(parts, at.q, i)
-        if parts.bodies[i]["shapes"] > 0:
-            e += membrane_energy(parts.bodies[i], parts.pool, at.q, run.work.dense.B[0])
-        return e
+        a = run.work.dense.B[0]
+        return _strain(parts, at.q, i) + membrane_energy(parts.bodies[i], parts.pool, at.q, a)
     e = frame_energy(run, i, what, at)
     if what == 0 and parts.bodies[i]["m"] > 0:
         e += _modal_kinetic(parts, run.work.now, at.v, i)
@@ -435,8 +433,7 @@ def put_flags(row: Any, body: FlexBody, static: bool) -> None:
     moved = np.abs(body.p).max(axis=0) > _ROUND_OFF * size * np.sqrt(body.mass)
     turned = np.abs(arms).max(axis=0) > _ROUND_OFF * size * np.sqrt(np.trace(body.S0))
     row["attached"] = int(np.any(moved | turned))
-    decoupled = not (static and row["attached"])
-    decoupled &= not row["shapes"]  # membrane forces couple all modes
+    decoupled = not (row["shapes"] or static and row["attached"])
     row["diagonal"] = int(diagonal(body.M_eta) and diagonal(body.K) and decoupled)
     row["damped"] = 0 if body.D is None or not np.any(body.D) else 2 if diagonal(body.D) else 1
 

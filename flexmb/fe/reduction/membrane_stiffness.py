@@ -22,6 +22,12 @@ from flexmb.progress import Progress, silent
 
 # Shapes of each sort. With six, a clamped square is within 1 % up to 1.5 times its thickness.
 _MAX_SHAPES = 6
+# Energy of the static response to a load that the lowest shapes lack, over the whole, from which on
+# it is a shape too.
+_LEAST_ENERGY = 1e-6
+_BENDING = (
+    25.0  # square of a rate over that of the fastest of the lowest shapes, up to which it bends
+)
 _BAR = 0.01  # ratio of second moments of mass across and along, up to which a body is a bar
 
 
@@ -49,13 +55,14 @@ def with_membrane_stiffness(
         return body
     progress("membrane", 0.0)
     at_rest = _modes_at_rest(body)
-    shapes = np.hstack([_lowest(body, at_rest), _lowest(body, _other_modes(body, at_rest))])
+    own = _with_responses(body, at_rest, _lowest(body, at_rest))
+    shapes = np.hstack([own, _lowest(body, _other_modes(body, at_rest))])
     turns = [end.Phi_r @ shapes for end in body.interfaces]
     F, V = second_order_loads(fe, elastic.Phi @ shapes, basis.interfaces, turns)
     C = elastic.Phi.T @ F
-    own = at_rest.T @ C  # the modes move by themselves, not with the loads
+    moved = at_rest.T @ C  # the modes move by themselves, not with the loads
     V = V - F.T @ basis.fixed_response(F)
-    V = V + own.T @ np.linalg.solve(at_rest.T @ body.K @ at_rest, own)
+    V = V + moved.T @ np.linalg.solve(at_rest.T @ body.K @ at_rest, moved)
     progress("membrane", 1.0)
     coordinates = np.linalg.solve(shapes.T @ body.K @ shapes, shapes.T @ body.K)
     stiffness = MembraneStiffness(coordinates, C, 0.5 * (V + V.T))
@@ -84,6 +91,30 @@ def _other_modes(body: FlexBody, at_rest: FloatArray) -> FloatArray:
     """(m, l) combinations of modes that are orthogonal in stiffness to those at rest (m, j)."""
     size = np.sqrt(np.diag(body.K))
     return np.asarray(null_space((body.K @ at_rest / size[:, None]).T) / size[:, None])
+
+
+def _with_responses(body: FlexBody, space: FloatArray, shapes: FloatArray) -> FloatArray:
+    """(m, l) shapes (m, k) in `space` (m, j), and what they lack of its responses to loads.
+
+    These are the static responses to the loads of the body and to its uniform acceleration, if
+    they bend it: their rate is not much above those of the shapes.
+    """
+    if not space.shape[1]:
+        return shapes
+    stiffness, inertia = space.T @ body.K @ space, body.M_eta
+    fastest = max(x @ body.K @ x / (x @ inertia @ x) for x in shapes.T)
+    for loads in [one.modal[None] for one in body.loads] + [body.p]:
+        responses = space @ np.linalg.solve(stiffness, space.T @ loads.T)
+        least = _LEAST_ENERGY * np.einsum("ik,ij,jk->k", responses, body.K, responses).max()
+        for response in responses.T:
+            rest = response.copy()
+            for _ in range(2):  # without the shapes, twice for round-off
+                inside = shapes.T @ body.K @ rest
+                rest -= shapes @ np.linalg.solve(shapes.T @ body.K @ shapes, inside)
+            energy, mass = (rest @ matrix @ rest for matrix in (body.K, inertia))
+            if energy > least and energy < _BENDING * fastest * mass:
+                shapes = np.column_stack([shapes, rest / np.sqrt(mass)])
+    return shapes
 
 
 def _lowest(body: FlexBody, space: FloatArray) -> FloatArray:
