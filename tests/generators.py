@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from flexmb.flexbody import FlexBody, Interface
+from flexmb.flexbody import FlexBody, Interface, MembraneStiffness
 from flexmb.model import Model
 
 ROWS = {"revolute": 5, "spherical": 3, "prismatic": 5, "cylindrical": 4, "fixed": 6}
@@ -19,7 +19,7 @@ JOINT_TYPES = tuple(ROWS)
 COORDINATES = {"revolute": ["angle"], "prismatic": ["stroke"], "cylindrical": ["angle", "stroke"]}
 TOPOLOGIES = ("chain", "tree", "star", "loop")
 BODIES = ("rigid", "flexible", "mixed")
-FLEXIBLE = ("flexible", "stiffened", "constant", "partial")
+FLEXIBLE = ("flexible", "stiffened", "constant", "partial", "stretching")
 
 
 @dataclass(frozen=True)
@@ -102,6 +102,15 @@ def stiffened(rng, body):
     )
 
 
+def stretching(rng, body):
+    """The body with any energy of second-order strains in two combinations of its modes."""
+    L = rng.standard_normal((3, 3))
+    stiffness = MembraneStiffness(
+        rng.standard_normal((2, body.m)), 0.3 * rng.standard_normal((body.m, 3)), 2.0 * L @ L.T
+    )
+    return replace(body, membrane_stiffness=stiffness)
+
+
 def random_rotation(rng):
     """Rotation matrix, uniform over the group."""
     Q, R = np.linalg.qr(rng.standard_normal((3, 3)))
@@ -172,7 +181,10 @@ class Mechanism:
         elif m:
             body = made.flexbody(name, [interface(rng, end, m) for end in ("a", "b", "c")])
             body = stiffened(np.random.default_rng(m), body) if self.bodies == "stiffened" else body
-            coupling = self.bodies if self.bodies in FLEXIBLE[2:] else "full"
+            if self.bodies == "stretching":
+                body = stretching(np.random.default_rng(m), body)
+                place["membrane_forces"] = "full"
+            coupling = self.bodies if self.bodies in ("constant", "partial") else "full"
             self.model.add_body(name, body, inertia_coupling=coupling, **place)
         else:
             self.model.add_body(name, **made.rigid_fields(), **place)

@@ -37,7 +37,7 @@ def energy_at(bench):
     return energy, unit
 
 
-@pytest.mark.parametrize("bodies", (*BODIES, "stiffened"))
+@pytest.mark.parametrize("bodies", (*BODIES, "stiffened", "stretching"))
 @pytest.mark.parametrize("topology", TOPOLOGIES)
 def test_energy_changes_by_the_powers(topology, bodies):
     bench = moving(topology, bodies)

@@ -18,7 +18,7 @@ from flexmb.engine.joints import ANGLE, DISTANCE, DOT1, DOT2, MOMENT, POINT, RAD
 
 DIFFERENCES = 1e-9
 LAST_DIGITS = 1e-12
-EVERY = (*BODIES, "stiffened", "constant", "partial")
+EVERY = (*BODIES, "stiffened", "constant", "partial", "stretching")
 CASES = [(topology, bodies) for topology in TOPOLOGIES for bodies in EVERY]
 
 
