@@ -75,12 +75,12 @@ class IndependentMotions:
         self._axes, self._of, self.Z, self.g = axes, of, Z, g
         if rates is None:
             self.Zd, rate = axes.rate(Z), axes.rate(g)
-            self.V1 = self.Zd + of.Omega @ Z
+            self.V1 = self.Zd + of.spun(Z)
             self.V1d, second = axes.rate(self.V1), axes.rate(rate)
         else:
             (self.Zd, Zdd), (rate, second) = rates
-            self.V1 = self.Zd + of.Omega @ Z
-            self.V1d = Zdd + axes.rate_of_spin(of.Omega) @ Z + of.Omega @ self.Zd
+            self.V1 = self.Zd + of.spun(Z)
+            self.V1d = Zdd + axes.rate_of_spin(of.Omega) @ Z + of.spun(self.Zd)
         turned = times(of.Omega, g)
         self.a0, self.a0d = rate + turned, second + axes.rate(turned)
         n, _, d = Z.shape

@@ -72,6 +72,13 @@ class VariationalEquations:
             rows[-1] = rows[-2]
         return replace(self.part(rows, ("D", "K")), F=self.F + load[rows])
 
+    def spun(self, motions: Array) -> Array:
+        """Ω X of motions X (n, nu, d): Ω couples the three coordinates of a vector only."""
+        made, rows = np.zeros_like(motions), np.arange(len(motions))
+        for at in self.frames.vectors():
+            made[:, at] = self.Omega[np.ix_(rows, at, at)] @ motions[:, at]
+        return made
+
     def projection(self, Z: Array) -> Array:
         """Zᵀ (n, d, nu) for forces, less the joint friction that their reactions cause."""
         Zt = Z.transpose(0, 2, 1)
