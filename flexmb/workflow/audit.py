@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from flexmb.errors import FlexmbError, ResultFileError, SceneError
 from flexmb.progress import Progress, silent
-from flexmb.workflow.effect import DEFORMATION, Effect, percent
+from flexmb.workflow.effect import DEFORMATION, MODES, Effect, percent
 from flexmb.workflow.effect_estimates import Estimates
 from flexmb.workflow.neighbours import ModelVariants
 from flexmb.workflow.scene_effects import scene_effects
@@ -33,7 +33,8 @@ BUDGET = 0.01
 """Largest share of the peak-to-peak of a sensor that left out effects may contribute."""
 _WASTED_SHARE = 0.1  # of the budget: an effect that contributes less does not pay for its time
 _RINGING_SHARE = 1 / 3  # of the budget: vibration of a sensor that the rows do not resolve
-_RINGING_DOUBT = 100.0  # factor by which the share of such a sensor may be too small
+# Factors by which the share of such a sensor may be too small: of any effect, of further modes.
+_RINGING_DOUBT, _MODES_DOUBT = 100.0, 1000.0
 _UNSETTLED = "much, not how much"
 _TOLD_BEFORE = "as told of the run without it"
 _AGAIN = "flexmb audit tells along this run what is on and was told of the run without it"
@@ -313,7 +314,8 @@ def _outcome(estimates: Estimates, effect: Effect, budget: float) -> EffectOutco
     value = estimates.of.model.units.say(worst.value, worst.unit, 2) if worst.unit else ""
     shares = {one.sensor: one.share for one in changes}
     ringing = [one for one in changes if one.unresolved > _RINGING_SHARE * budget]
-    ringing = [one for one in ringing if _RINGING_DOUBT * one.share > budget]
+    doubt = _MODES_DOUBT if effect.name == MODES else _RINGING_DOUBT
+    ringing = [one for one in ringing if doubt * one.share > budget]
     if verdict in (SMALL, WASTED) and ringing:
         names = ", ".join(one.sensor for one in ringing)
         why = f"{names} rings faster than the rows; {percent(worst.share)} as they see it"

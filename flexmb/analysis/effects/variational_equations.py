@@ -72,13 +72,6 @@ class VariationalEquations:
             rows[-1] = rows[-2]
         return replace(self.part(rows, ("D", "K")), F=self.F + load[rows])
 
-    def spun(self, motions: Array) -> Array:
-        """Ω X of motions X (n, nu, d): Ω couples the three coordinates of a vector only."""
-        made, rows = np.zeros_like(motions), np.arange(len(motions))
-        for at in self.frames.vectors():
-            made[:, at] = self.Omega[np.ix_(rows, at, at)] @ motions[:, at]
-        return made
-
     def projection(self, Z: Array) -> Array:
         """Zᵀ (n, d, nu) for forces, less the joint friction that their reactions cause."""
         Zt = Z.transpose(0, 2, 1)
@@ -155,3 +148,11 @@ def linearise(compiled: Compiled, motion: Motion, balance: Array) -> Variational
 def times(X: Array, x: Array) -> Array:
     """Product X x in each row."""
     return np.asarray(np.einsum("tij,tj->ti", X, x))
+
+
+def spin(of: VariationalEquations, motions: Array) -> Array:
+    """Ω X of motions X (n, nu, d): Ω couples the three coordinates of a vector only."""
+    made, rows = np.zeros_like(motions), np.arange(len(motions))
+    for at in of.frames.vectors():
+        made[:, at] = of.Omega[np.ix_(rows, at, at)] @ motions[:, at]
+    return made
