@@ -10,14 +10,14 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from flexmb.errors import FlexmbError, ResultFileError, SceneError
 from flexmb.progress import Progress, silent
-from flexmb.workflow.effect import Effect, percent
+from flexmb.workflow.effect import DEFORMATION, MODES, Effect, percent
 from flexmb.workflow.effect_estimates import Estimates
 from flexmb.workflow.neighbours import ModelVariants
 from flexmb.workflow.scene_effects import scene_effects
@@ -33,8 +33,11 @@ BUDGET = 0.01
 """Largest share of the peak-to-peak of a sensor that left out effects may contribute."""
 _WASTED_SHARE = 0.1  # of the budget: an effect that contributes less does not pay for its time
 _RINGING_SHARE = 1 / 3  # of the budget: vibration of a sensor that the rows do not resolve
-_RINGING_DOUBT = 100.0  # factor by which the share of such a sensor may be too small
-_UNSETTLED = "much, not how much: contacts, stops or friction act at other times with it"
+# Factors by which the share of such a sensor may be too small: of any effect, of further modes.
+_RINGING_DOUBT, _MODES_DOUBT = 100.0, 1000.0
+_UNSETTLED = "much, not how much"
+_TOLD_BEFORE = "as told of the run without it"
+_AGAIN = "flexmb audit tells along this run what is on and was told of the run without it"
 _MAX_ROWS = 800  # of a run, that are evaluated
 MISSING, NEEDED, WASTED, SMALL, UNKNOWN = (
     "missing", "needed", "could be off", "may stay off", "not known",
@@ -132,6 +135,38 @@ class Audit:
         return cls(**{**data, "effects": effects, "notes": tuple(data["notes"])})
 
 
+@dataclass
+class EarlierAudits:
+    """What was found of runs of one scene, each of which takes in more effects than the last.
+
+    Attributes
+    ----------
+    rows : int
+        Number of rows that the last run needed.
+    last : dict
+        By effect and body: the outcome of the last run that left the effect out, and the time of
+        that run, as its evaluations take.
+    """
+
+    rows: int = 0
+    last: dict[tuple[str, str], tuple[EffectOutcome, float]] = field(default_factory=dict)
+
+    def add(self, outcomes: Iterable[EffectOutcome], of: Estimates) -> None:
+        """Add what bodies of a run leave out."""
+        off = [one for one in outcomes if one.body and not one.on]
+        self.last.update({(one.effect, one.body): (one, of.run_time) for one in off})
+
+    def outcome(self, effect: Effect, of: Estimates, budget: float) -> EffectOutcome | None:
+        """An effect that a run has, as an earlier one told it that left it out; else None."""
+        before, seconds = self.last.get((effect.name, effect.body), (None, 0.0))
+        if before is None or not effect.on:
+            return None
+        verdict = NEEDED if before.share is None else _verdict(True, before.share, budget)
+        cost = of.run_time / seconds if effect.name == DEFORMATION and seconds else before.cost
+        why, words = before.why or _TOLD_BEFORE, effect.indicator
+        return replace(before, on=True, indicator=words, verdict=verdict, cost=cost, why=why)
+
+
 def _listed(effects: Sequence[EffectOutcome], most: int = 4) -> str:
     names = [f"{one.effect} of {one.body}" if one.body else one.effect for one in effects]
     more = f" and {len(names) - most} more" if names[most:] else ""
@@ -175,14 +210,15 @@ def audit(
     return made
 
 
-def _nothing(outcomes: Sequence[EffectOutcome], unknown: int) -> bool:
+def _nothing(outcomes: Sequence[EffectOutcome]) -> bool:
     return False
 
 
 def audit_until(
     run: Result, budget: float | None, progress: Progress,
-    is_enough: Callable[[Sequence[EffectOutcome], int], bool] = _nothing,
-    comes_first: Callable[[Effect], bool] = lambda _: True, *, rows: list[int] | None = None,
+    is_enough: Callable[[Sequence[EffectOutcome]], bool] = _nothing,
+    comes_first: Callable[[Effect], bool] = lambda _: True, *,
+    earlier: EarlierAudits | None = None,
 ) -> Audit | None:  # fmt: skip
     """The audit of a run; None if what is left out of its bodies is enough to know.
 
@@ -193,22 +229,22 @@ def audit_until(
     budget, progress
         As for `audit`.
     is_enough : callable
-        Takes what is known of effects that bodies leave out, and of how many more it is not yet:
-        called when those are known that come first, and when all are.
+        Takes what is known of effects that bodies leave out: called when those are known that come
+        first, and when all are.
     comes_first : callable
         Whether an effect that a body leaves out is looked at before others.
-    rows : list of int, optional
-        Numbers of rows that audits of similar runs have taken, to which that of this one is added:
-        if the last one took all that it might, this one does not try fewer.
+    earlier : EarlierAudits, optional
+        What was found of similar runs before, to which that of this one is added. Their effects are
+        not estimated again where this run has them.
     """
     from flexmb.analysis.validity.validity_monitor import ValidityMonitor
     from flexmb.results.writer import store_text
 
     began = time.perf_counter()
     _check_run(run)
-    rows = [] if rows is None else rows
-    neighbours = ModelVariants.of(run, _MAX_ROWS, progress, rows[-1] if rows else 0)
-    rows.append(len(neighbours.motion.t))
+    earlier = EarlierAudits() if earlier is None else earlier
+    neighbours = ModelVariants.of(run, _MAX_ROWS, progress, earlier.rows)
+    earlier.rows = len(neighbours.motion.t)
     if budget is None:
         stated = neighbours.model.effects
         budget = BUDGET if stated is None else stated.budget
@@ -221,17 +257,19 @@ def audit_until(
     for some in (early, later, [k for k in range(len(todo)) if k not in off]):
         for k in some:
             progress("audit", len(outcomes) / len(todo), todo[k].name)
-            outcomes[k] = _outcome(estimates, todo[k], budget)
-        unknown = len(off) - len(outcomes)
+            taken_in = earlier.outcome(todo[k], estimates, budget)
+            outcomes[k] = taken_in or _outcome(estimates, todo[k], budget)
+        earlier.add(outcomes.values(), estimates)
         asks = later if some is early else some is later
-        if asks and is_enough(tuple(outcomes.values()), unknown):
+        if asks and is_enough(tuple(outcomes.values())):
             return None
     effects = [outcomes[k] for k in range(len(todo))]
     progress("audit", 1.0)
     monitor = ValidityMonitor(neighbours.compiled, neighbours.model, neighbours.motion.q[0])
     monitor.add(neighbours.rows())
     effects += [*_membrane_forces(monitor, budget), *_basis(neighbours, monitor)]
-    notes = (*neighbours.notes, *monitor.notes())
+    repeats = any(one.on and (one.name, one.body) in earlier.last for one in todo)
+    notes = (*neighbours.notes, *monitor.notes(), *[_AGAIN] * repeats)
     made = Audit(run.title, budget, tuple(effects), notes, time.perf_counter() - began)
     store_text(run.path, TEXT, made.text())
     run.refresh()
@@ -276,13 +314,18 @@ def _outcome(estimates: Estimates, effect: Effect, budget: float) -> EffectOutco
     value = estimates.of.model.units.say(worst.value, worst.unit, 2) if worst.unit else ""
     shares = {one.sensor: one.share for one in changes}
     ringing = [one for one in changes if one.unresolved > _RINGING_SHARE * budget]
-    ringing = [one for one in ringing if _RINGING_DOUBT * one.share > budget]
+    doubt = _MODES_DOUBT if effect.name == MODES else _RINGING_DOUBT
+    ringing = [one for one in ringing if doubt * one.share > budget]
     if verdict in (SMALL, WASTED) and ringing:
         names = ", ".join(one.sensor for one in ringing)
         why = f"{names} rings faster than the rows; {percent(worst.share)} as they see it"
         rough = NEEDED if effect.on else UNKNOWN
         return EffectOutcome(*fixed, None, "", "", cost, rough, why, shares)
-    why = _UNSETTLED if worst.unsettled and worst.share > budget else ""
+    doubtful = [one.unsettled for one in changes if one.coarse > budget]
+    if verdict in (SMALL, WASTED) and doubtful:
+        rough = NEEDED if effect.on else UNKNOWN
+        return EffectOutcome(*fixed, None, "", "", cost, rough, doubtful[0], shares)
+    why = f"{_UNSETTLED}: {worst.unsettled}" if worst.unsettled and worst.share > budget else ""
     return EffectOutcome(*fixed, worst.share, value, worst.sensor, cost, verdict, why, shares)
 
 

@@ -29,6 +29,7 @@ from flexmb.workflow.effect import (
     VIBRATION,
     Effect,
     more_modes,
+    percent,
 )
 from flexmb.workflow.neighbours import ModelVariants, evaluations
 
@@ -50,8 +51,10 @@ _MIN_ROWS, _THINNING = 800, 8
 _NO_CHANGE = 1e-7
 # Coefficients that turn with a body are steps from row to row: they excite vibrations near a whole
 # number of half periods per row. Changes above the first number (share) of runs with rotations
-# above the second one [rad] are estimated with more rows too, and the smaller counts.
-_DOUBTFUL, _TURN = 0.01, 6.0
+# above the second one [rad] are estimated with more rows, and with more again while both differ by
+# more than the third number.
+_DOUBTFUL, _TURN, _AGREEMENT = 0.01, 6.0, 0.3
+_AT_OTHER_TIMES = "contacts, stops or friction act at other times with it"
 
 
 @dataclass
@@ -77,11 +80,24 @@ class Estimates:
         made, cost = self._estimate(effect)
         large = max((one.share for one in made), default=0.0) > _DOUBTFUL
         turning = effect.name not in (DEFORMATION, VIBRATION) and self.of.turns > _TURN
-        if large and turning and (finer := self._finer) is not None:
-            with suppress(FlexmbError):
-                pairs = zip(made, finer._estimate(effect)[0], strict=True)
-                made = [min(pair, key=lambda one: one.share) for pair in pairs]
-        return made, cost
+        return self._settle(effect, made) if large and turning else made, cost
+
+    def _settle(self, effect: Effect, made: list[Contribution]) -> list[Contribution]:
+        """Contributions with more rows, until these do not matter or there can be no more."""
+        finer = self._finer
+        if finer is None:
+            return made
+        try:
+            more = finer._estimate(effect)[0]
+        except FlexmbError:
+            return made
+        pairs = list(zip(made, more, strict=True))
+        if not any(_differ(*pair) for pair in pairs):
+            return more
+        if finer._finer is not None:
+            return finer._settle(effect, more)
+        rows = len(self.of.motion.t), len(finer.of.motion.t)
+        return [_open(rows, *pair) if _differ(*pair) else pair[1] for pair in pairs]
 
     @cached_property
     def _finer(self) -> Estimates | None:
@@ -112,7 +128,9 @@ class Estimates:
         least = round_off(self.of.compiled, self.of.motion)
         made = contributions(self.of.model, *self._change(*effects)[:3], together, least)
         rough = self._unsettled_of[effects[0].name, *(one.body for one in effects)]
-        return [replace(one, unsettled=one.sensor in rough) for one in made]
+        return [
+            replace(one, unsettled=_AT_OTHER_TIMES if one.sensor in rough else "") for one in made
+        ]
 
     @cached_property
     def _estimable(self) -> list[Effect]:
@@ -208,7 +226,7 @@ class Estimates:
         own, motion, model, bodies, last = self.of.deformable(effects)
         other = self.of.compile(model, bodies)
         if effects[0].name == DEFORMATION:
-            cost = evaluations(self.of.run) * self._own_time / last if last else None
+            cost = self.run_time / last if last else None
             histories, change, names = self._changes(own, other, model, motion, {})
             return (self.of.motion.channels, *histories), change, names, cost
         deformations = (replace(one, name=DEFORMATION) for one in effects)
@@ -286,8 +304,26 @@ class Estimates:
         every = -(-n // len(few.t))
         return 2 * (motion.channels,), np.repeat(change, every, axis=0)[:n], names
 
+    @property
+    def run_time(self) -> float:
+        """Time of all evaluations of the equations of the run [s]."""
+        return evaluations(self.of.run) * self._own_time
+
     @cached_property
     def _own_time(self) -> float:
         from flexmb.analysis.effects.contribution import evaluation_time
 
         return evaluation_time(self.of.compiled)
+
+
+def _differ(few: Contribution, fine: Contribution) -> bool:
+    """Whether two numbers of rows tell different contributions to a sensor, one of them large."""
+    largest = max(few.share, fine.share)
+    return largest > _DOUBTFUL and abs(few.share - fine.share) > _AGREEMENT * largest
+
+
+def _open(rows: tuple[int, int], few: Contribution, fine: Contribution) -> Contribution:
+    """The finer of two contributions that differ, which says so."""
+    shares = percent(few.share), percent(fine.share)
+    why = f"{shares[0]} of {fine.sensor} with {rows[0]} rows, {shares[1]} with {rows[1]}"
+    return replace(fine, unsettled=why, coarse=few.share)

@@ -23,7 +23,7 @@ from flexmb.errors import FlexmbError
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.scenes.effects import with_words
 from flexmb.progress import Progress, silent
-from flexmb.workflow.audit import Audit, EffectOutcome, audit, audit_until
+from flexmb.workflow.audit import Audit, EarlierAudits, EffectOutcome, audit_until
 from flexmb.workflow.effect import (
     BOTH,
     COUPLING,
@@ -165,7 +165,7 @@ def run_with_selected_effects(
         {name: _open_words(spec) for name, spec in flexible.items()},
         frozenset(name for name, spec in flexible.items() if spec.frame_interface is not None),
     )
-    rows: list[int] = []
+    earlier = EarlierAudits()
     made: Audit | None = None
     first: FlexmbError | None = None  # the first of consecutive failures
     for number in map(str, range(1, _MAX_RUNS + 1)):
@@ -184,11 +184,12 @@ def run_with_selected_effects(
             return report
         made = audit_until(
             run, budget, progress, partial(_switch_on, selection, number=number, budget=budget),
-            selection.may_switch, rows=rows,
+            selection.may_switch, earlier=earlier,
         )  # fmt: skip
         if made is not None:
             break
-    made = made or audit(run, budget=budget, progress=progress)
+    made = made or audit_until(run, budget, progress, earlier=earlier)
+    assert made is not None
     store_text(run.path, TEXT, selection.text())
     picture, history = draw_run(run, progress) if pictures else (None, None)
     steps = selection.steps or [("1", "", "nothing", "all stays within the budget", "", "")]
@@ -229,8 +230,7 @@ def _words_of(effect: str, indicator: str) -> dict[str, Any]:
 
 
 def _switch_on(
-    selection: Selection, effects: Sequence[EffectOutcome], unknown: int, *, number: str,
-    budget: float,
+    selection: Selection, effects: Sequence[EffectOutcome], *, number: str, budget: float,
 ) -> bool:  # fmt: skip
     """Switch on effects that would let the sum of the omitted ones exceed its share of the budget.
 
@@ -238,8 +238,8 @@ def _switch_on(
     whose contribution is not known, because sensors vibrate faster than the rows resolve or its
     estimate failed, is switched on.
 
-    Of some effects (`unknown`), which no option of the selection switches, the contributions may
-    not be computed yet. None is switched then if these might decide whether another one stays off.
+    The contributions of those that no option of the selection switches may not be known yet: what
+    exceeds the budget without them does so with them. They are computed where nothing else does.
     """
     sums: dict[str, float] = {}
     off = [one for one in effects if not one.on and (one.shares or one.is_failure) and one.body]
@@ -249,8 +249,6 @@ def _switch_on(
         together = {name: sums.get(name, 0.0) + share for name, share in one.shares.items()}
         if one.share is not None and max(together.values()) <= _OMITTED_SHARE * budget:
             sums |= together
-            if max(together.values()) + unknown * one.share > _OMITTED_SHARE * budget:
-                return False  # smaller ones among those that are not known come before it
             continue
         wanted.append(one)
     changed = False

@@ -294,7 +294,7 @@ def resolved_motion(
         if most < limits[-1] <= wanted and better > _ENOUGH_ROWS * (most / len(thinned.t)) ** 2:
             # vibrations decrease at best with the fourth power of the rows: more are needed
             continue
-        n = min(wanted, most - 1)
+        n = min(max(wanted, rows_before - 1), most - 1)
         if finer > 1.0 and n > len(rows.t) and model.dynamics is not None and run is not None:
             other = copy.copy(model)
             other.dynamics = model.dynamics.model_copy(update={"outputs": n})

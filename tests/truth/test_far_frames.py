@@ -253,3 +253,16 @@ def test_symbols_in_pictures_have_the_size_of_the_machine():
         made.set_dynamics(duration=0.1, outputs=1)
         sizes.append(Drawing(Mechanism(flexmb.simulate(made))).size)
     assert sizes[1] == pytest.approx(sizes[0])
+
+
+@pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
+def test_what_gravity_does_to_a_pendulum_is_its_motion_wherever_its_frame_is(tmp_path):
+    """Without gravity it rests: 1. A bar whose frame is not at its pin was told 1.07."""
+    shares = []
+    for start in ([0, 0, 0], [1.0, 0, 0], ARM):
+        made = swinging(np.asarray(start, dtype=float))
+        made.set_dynamics(duration=0.5, outputs=100, accuracy=1e-6)
+        made = flexmb.audit(flexmb.simulate(made, output=tmp_path / "run"))
+        shares.append(next(one.share for one in made.effects if one.effect == "gravity"))
+    np.testing.assert_allclose(shares, 1.0, atol=0.05)
+    assert shares[1] == pytest.approx(shares[2], rel=1e-3)

@@ -62,7 +62,8 @@ class Contribution:
     ``at_rest``: the sensor does not move in the run. ``by_symmetry``: it does not move either if
     the effects of this kind of all bodies change together, although that of one body would move it.
     ``unresolved``: share of vibrations in it that rows do not resolve, so that the change of these
-    is not known. ``unsettled``: a second estimate, along the changed motion, differs much.
+    is not known. ``unsettled``: why a second estimate, along the changed motion or with more rows,
+    differs much; empty if it does not. ``coarse``: share with fewer rows, where these differ so.
     """
 
     sensor: str
@@ -72,7 +73,8 @@ class Contribution:
     at_rest: bool = False
     by_symmetry: bool = False
     unresolved: float = 0.0
-    unsettled: bool = False
+    unsettled: str = ""
+    coarse: float = 0.0
 
 
 def first_change(

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from flexmb.analysis.effects.smooth_pieces import SlowAxes
 from flexmb.analysis.effects.stored_motion import blocks
-from flexmb.analysis.effects.variational_equations import VariationalEquations, times
+from flexmb.analysis.effects.variational_equations import VariationalEquations, spin, times
 from flexmb.errors import FlexmbError
 from flexmb.flexbody.arrays import Array
 
@@ -75,12 +75,12 @@ class IndependentMotions:
         self._axes, self._of, self.Z, self.g = axes, of, Z, g
         if rates is None:
             self.Zd, rate = axes.rate(Z), axes.rate(g)
-            self.V1 = self.Zd + of.Omega @ Z
+            self.V1 = self.Zd + spin(of, Z)
             self.V1d, second = axes.rate(self.V1), axes.rate(rate)
         else:
             (self.Zd, Zdd), (rate, second) = rates
-            self.V1 = self.Zd + of.Omega @ Z
-            self.V1d = Zdd + axes.rate_of_spin(of.Omega) @ Z + of.Omega @ self.Zd
+            self.V1 = self.Zd + spin(of, Z)
+            self.V1d = Zdd + axes.rate_of_spin(of.Omega) @ Z + spin(of, self.Zd)
         turned = times(of.Omega, g)
         self.a0, self.a0d = rate + turned, second + axes.rate(turned)
         n, _, d = Z.shape

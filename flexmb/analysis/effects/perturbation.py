@@ -19,12 +19,12 @@ Padilla & von Flotow, J. Guidance 15 (1992) 149, who linearise about the motion 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from flexmb.analysis.assembly.jacobian import one_blas_thread
+from flexmb.analysis.assembly.jacobian import ConstraintRows, one_blas_thread
 from flexmb.analysis.effects.independent_coordinates import (
     IndependentCoordinates,
     IndependentMotions,
@@ -36,12 +36,18 @@ from flexmb.analysis.effects.modal_equations import (
     least_squares_solution,
 )
 from flexmb.analysis.effects.smooth_pieces import Jumps, SlowAxes, SmoothPieces
-from flexmb.analysis.effects.stored_motion import Bristles, Motion, equations_of
+from flexmb.analysis.effects.stored_motion import (
+    Bristles,
+    Motion,
+    WeightedCoordinates,
+    equations_of,
+)
 from flexmb.analysis.effects.variational_equations import VariationalEquations, linearise, times
 from flexmb.analysis.functions_of_time import rows_behind_jumps
 from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.engine.bodies.static_modes import static_coordinates
 from flexmb.engine.compile import Compiled
+from flexmb.engine.tables import Layout
 from flexmb.flexbody.arrays import Array
 
 _ENDS = 5  # rows at the ends of splines, where rates on rotating bodies are inaccurate
@@ -51,6 +57,7 @@ _WELL_CLOSED = 1e-5  # the same, below which there is no further step
 _NO_TIME = 0.01  # response time of modes without inertia over the interval of rows
 _MOST_VIBRATIONS = 80  # largest number of vibrations; faster unresolved ones only follow loads
 _SPAN = 0.5  # phase of the slowest omitted vibration over which rates of condensed modes are taken
+_SERIES = 1e-2  # rotation below which the coefficients of a screw are series [rad]
 _SMALL = 1e-5  # displacement over the size of the model in which all sensors are linear
 
 
@@ -101,28 +108,23 @@ def respond(
     follows = (np.diag(elastic) > 0.0) & quasi_static  # without inertia
     multipliers = np.einsum("tr,trc->tc", equations.shares(load, follows), equations.rows)
     n, closed, factors = len(motion.t), None, np.ones((1, len(motion.t)))
-    if bounded == n:
-        closed = _closure(motion, state, equations, parts[0], elastic)
-    dq = equations.frames.to_motions(parts[0])
-    if closed is None:  # large turns may take away from what such joints add: the smaller counts
-        sizes = np.abs(parts[0]).max(axis=1, initial=_SMALL)
-        factors = np.stack([np.ones(n), _SMALL / sizes])
-    else:
-        closed_v = pieces.rate(closed) + times(equations.Omega, closed)
-        parts = parts + [closed, closed_v, pieces.rate(closed_v)]
-    q, v, vd = (equations.frames.to_motions(part) for part in parts)
+    q, v, vd = map(equations.frames.to_motions, parts)
     moved = _Moves(q, v, vd, -multipliers, small.history)
-    change = np.full_like(motion.channels, np.inf)
+    motions = [moved.of(compiled, motion)]
+    if bounded == n:
+        closed = _closure(motions[0], state, equations, pieces, elastic)
+    if closed is not None:
+        motions = [closed.of(compiled, motions[0])]
+    else:  # large turns may take away from what such joints add: the smaller counts
+        factors = np.stack([np.ones(n), _SMALL / np.abs(parts[0]).max(axis=1, initial=_SMALL)])
+        motions.append(moved.times(factors[1, :, None]).of(compiled, motion))
+    dq, change = q, np.full_like(motion.channels, np.inf)
     for k in range(bounded):
-        change[k] = _change_of_channels(motion, k, state, moved, factors[:, k])
+        change[k] = _change_of_channels(motion, k, state, motions, factors[:, k])
     dq[bounded:] = 0.0
     if bounded < n:
         return Response(change, dq, bounded)
-    q = np.array([state.moved(*pair) for pair in zip(motion.q, moved.q, strict=True)])
-    rates, lam = (motion.v + moved.v, motion.vd + moved.vd), motion.lam + moved.lam
-    past = None if motion.history is None else motion.history + moved.history
-    other = Motion(motion.t, q, *rates, lam, motion.channels + change, past)
-    return Response(change, dq, bounded, other)
+    return Response(change, dq, bounded, replace(motions[0], channels=motion.channels + change))
 
 
 class _Moves(NamedTuple):
@@ -134,38 +136,48 @@ class _Moves(NamedTuple):
     lam: Array
     history: Array
 
+    def times(self, factors: Array) -> _Moves:
+        """The changes times factors (n, 1)."""
+        return _Moves(*(factors * one for one in self))
+
+    def of(self, compiled: Compiled, motion: Motion) -> Motion:
+        """The motion with these changes; its channels are those without."""
+        q, v, vd = displaced(compiled.layout, motion, self.q, self.v, self.vd)
+        past = None if motion.history is None else motion.history + self.history
+        return Motion(motion.t, q, v, vd, motion.lam + self.lam, motion.channels, past)
+
 
 def _change_of_channels(
-    motion: Motion, k: int, state: StateEquations, moved: _Moves, factors: Array
+    motion: Motion, k: int, state: StateEquations, motions: list[Motion], factors: Array
 ) -> Array:
-    """Change (channels,) of row k, the smallest of those with the moves times some factors."""
-    changes, now = [], state.state
-    for f in factors:
-        motion.put(k, state)
-        now.q[:] = state.moved(motion.q[k], f * moved.q[k])
-        now.v[:] += f * moved.v[k]
-        now.vd[:] += f * moved.vd[k]
-        now.lam[:] += f * moved.lam[k]
-        now.history[:] += f * moved.history[k]
+    """Change (channels,) of row k, the smallest of those in motions whose moves have factors."""
+    changes = []
+    for f, other in zip(factors, motions, strict=True):
+        other.put(k, state)
         changes.append((state.channels() - motion.channels[k]) / f)
     smaller = np.abs(changes[0]) < np.abs(changes[-1])
     return np.asarray(np.where(smaller, changes[0], changes[-1]))
 
 
 def _closure(
-    motion: Motion, equations: StateEquations, of: VariationalEquations, dq: Array, elastic: Array
-) -> Array | None:
-    """Motion that closes joints after displacements (n, nu); None if these are too large.
+    motion: Motion, equations: StateEquations, of: VariationalEquations, pieces: SmoothPieces,
+    elastic: Array,
+) -> _Moves | None:  # fmt: skip
+    """Moves that close the joints of a displaced motion; None if these are too large.
 
     For bodies in bending it is their shortening, of second order in the deflection.
     """
-    closed, gaps = np.zeros_like(dq), np.zeros((_CLOSINGS + 1, len(dq)))
-    closing = of.closure((motion.t[-1] - motion.t[0]) ** 2 * elastic)
+    compiled, none = equations.compiled, np.zeros_like(motion.v)
+    frames, constraints = WeightedCoordinates(compiled, motion), ConstraintRows(compiled)
+    Cq = frames.turned(np.array([constraints.evaluate(q).Cq.copy() for q in motion.q]))
+    there = replace(of, frames=frames, Cq=of.rows @ Cq)
+    closing = there.closure((motion.t[-1] - motion.t[0]) ** 2 * elastic)
+    closed, gaps = np.zeros(Cq.shape[::2]), np.zeros((_CLOSINGS + 1, len(Cq)))
     for gap in gaps:
-        whole = of.frames.to_motions(dq + closed)
-        for k in range(len(dq)):
+        q = displaced(compiled.layout, motion, frames.to_motions(closed), none, none)[0]
+        for k in range(len(Cq)):
             motion.put(k, equations)
-            equations.state.q[:] = equations.moved(motion.q[k], whole[k])
+            equations.state.q[:] = q[k]
             equations.residual()
             step = closing[k] @ (of.rows[k] @ equations.work.con.C)
             gap[k] = np.abs(step).max(initial=0.0)
@@ -173,7 +185,12 @@ def _closure(
         if gap.max(initial=0.0) <= _WELL_CLOSED * gaps[0].max(initial=0.0):
             break
     most = max(_CLOSED * gaps[0].max(initial=0.0), _SMALL**2)
-    return closed if np.all(gaps[-1] <= most) else None
+    if np.any(gaps[-1] > most):
+        return None
+    rate = pieces.rate(closed) + times(frames.spin()[0], closed)
+    dq, dv, dvd = map(frames.to_motions, (closed, rate, pieces.rate(rate)))
+    past = np.zeros((len(Cq), compiled.system.history))
+    return _Moves(dq, dv, dvd, np.zeros_like(motion.lam), past)
 
 
 class _Begin(NamedTuple):
@@ -281,3 +298,67 @@ def _solve_piece(
         y[modal.quick] = -least_squares_solution(side.T @ of.K[0] @ side, side.T @ force)
     moved, bounded = modal.integrate(y, yd)
     return made.motion(*(eta @ T.T for eta in moved)), bounded
+
+
+def displaced(
+    layout: Layout, motion: Motion, dq: Array, dv: Array, dvd: Array
+) -> tuple[Array, Array, Array]:
+    """q (n, nq), v and v̇ (n, nv) of a motion with changes (n, nv) of positions and both rates.
+
+    Each body moves by the screw exp(δr, δθ) in its axes, and its velocities and accelerations
+    change in these axes, which turn with it: one motion, whatever point of the body its coordinates
+    are about. A displacement of that point straight ahead beside a finite rotation would not be.
+
+    Source: Murray, Li & Sastry, A Mathematical Introduction to Robotic Manipulation, chapter 2.
+    """
+    q, v, vd = motion.q.copy(), motion.v + dv, motion.vd + dvd
+    for body in layout.bodies:
+        at, line = slice(body.iq, body.iq + 3), slice(body.iv, body.iv + 3)
+        e, turn = slice(body.iq + 3, body.iq + 7), slice(body.iv + 3, body.iv + 6)
+        modes = slice(body.iq + 7, body.iq + 7 + body.m)
+        q[:, modes] += dq[:, body.iv + 6 : body.iv + 6 + body.m]
+        before, angle = motion.q[:, e], dq[:, turn]
+        shift, half = _screw(_back(before, dq[:, line]), angle)
+        q[:, at] += _rotate(before, shift)
+        q[:, e] = _product(before, half)
+        u, w, dw = _back(before, motion.v[:, line]), motion.v[:, turn], dv[:, turn]
+        a = _back(before, motion.vd[:, line])
+        du = _back(before, dv[:, line]) - np.cross(angle, u)
+        da = _back(before, dvd[:, line]) - np.cross(angle, a)
+        da -= np.cross(dw, u) + np.cross(w, du)
+        rates = a - np.cross(w, u) + da + np.cross(w + dw, u + du)
+        v[:, line], vd[:, line] = _rotate(q[:, e], u + du), _rotate(q[:, e], rates)
+    if n := len(layout.coordinates):
+        q[:, -n:] += dq[:, -n:]
+    return q, v, vd
+
+
+def _screw(d: Array, angle: Array) -> tuple[Array, Array]:
+    """Displacement (n, 3) and quaternion (n, 4) of exp(d, θ)."""
+    size = np.linalg.norm(angle, axis=1)[:, None]
+    small = size < _SERIES
+    s = np.where(small, 1.0, size)
+    first = np.where(small, 0.5 - size**2 / 24.0, (1.0 - np.cos(s)) / s**2)
+    second = np.where(small, 1.0 / 6.0 - size**2 / 120.0, (s - np.sin(s)) / s**3)
+    across = np.cross(angle, d)
+    half = np.where(small, 0.5 - size**2 / 48.0, np.sin(0.5 * s) / s)
+    turn = np.hstack([np.cos(0.5 * size), half * angle])
+    return d + first * across + second * np.cross(angle, across), turn
+
+
+def _rotate(e: Array, x: Array) -> Array:
+    """Vectors (n, 3) in body axes with quaternions (n, 4), in those of the ground."""
+    y = 2.0 * np.cross(e[:, 1:], x)
+    return np.asarray(x + e[:, :1] * y + np.cross(e[:, 1:], y))
+
+
+def _back(e: Array, x: Array) -> Array:
+    """Vectors in axes of the ground, in those of the body."""
+    return _rotate(e * [1.0, -1.0, -1.0, -1.0], x)
+
+
+def _product(a: Array, b: Array) -> Array:
+    """Products of quaternions."""
+    first = a[:, :1] * b[:, :1] - (a[:, 1:] * b[:, 1:]).sum(axis=1, keepdims=True)
+    rest = a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + np.cross(a[:, 1:], b[:, 1:])
+    return np.hstack([first, rest])

@@ -226,51 +226,62 @@ def _measure_jumps(compiled: Compiled, motion: Motion, rows: IntArray) -> Jumps:
 
 @dataclass(frozen=True, eq=False)
 class SlowAxes:
-    """Rotations R (n, nu, nu) from body axes to axes in which motions change slowly, and the Ω of
-    the coordinates that they turn; None if those are the body axes of all bodies."""
+    """Rotations R from body axes to axes in which motions change slowly, and the Ω of what they
+    turn: for each vector of three coordinates or fewer its places `at`, R and Ω (n, at, at)."""
 
     pieces: SmoothPieces
-    turns: tuple[Array, Array] | None
+    turns: list[tuple[IntArray, Array, Array]]
 
     @classmethod
     def of(cls, pieces: SmoothPieces, equations: VariationalEquations, Z: Array) -> SlowAxes:
         """Axes for motions Z (n, nu, d): those of the ground for vectors that change less there."""
-        R, Omega = np.zeros_like(equations.Omega), np.zeros_like(equations.Omega)
-        still = np.ones(Z.shape[1], bool)
+        turns = []
         for at in equations.frames.vectors():
             own = np.ix_(np.arange(len(Z)), at, at)
-            turned = equations.turns[own] @ Z[:, at]
-            if _roughness(turned) < _SLOWER * _roughness(Z[:, at]):
-                R[own], Omega[own], still[at] = equations.turns[own], equations.Omega[own], False
-        R[:, still, still] = 1.0
-        return cls(pieces, None if still.all() else (R, Omega))
+            R = equations.turns[own]
+            if _roughness(R @ Z[:, at]) < _SLOWER * _roughness(Z[:, at]):
+                turns.append((at, R, equations.Omega[own]))
+        return cls(pieces, turns)
 
     def rate(self, motions: Array) -> Array:
         """Time derivative of the components (n, nu) or (n, nu, d) of motions in body axes."""
-        if self.turns is None:
-            return self.pieces.rate(motions)
-        (R, Omega), x = self.turns, motions.reshape(*motions.shape[:2], -1)
-        rates = R.transpose(0, 2, 1) @ self.pieces.rate(R @ x) - Omega @ x
-        return np.asarray(rates.reshape(motions.shape))
+        x = motions.reshape(*motions.shape[:2], -1)
+        rates = self.pieces.rate(self._turned(x))
+        for at, R, Omega in self.turns:
+            rates[:, at] = R.transpose(0, 2, 1) @ rates[:, at] - Omega @ x[:, at]
+        return rates.reshape(motions.shape)
 
     def slow_rates(self, motion: Array, span: float) -> tuple[Array, Array]:
         """First and second time derivative of the components (n, nu) of a motion, by differences
         over at least `span` [s]."""
-        if self.turns is None:
-            return self.pieces.slow_rates(motion, span)
-        R, Omega = self.turns
-        first, second = self.pieces.slow_rates(times(R, motion), span)
-        back, turned = R.transpose(0, 2, 1), times(Omega, motion)
-        first = times(back, first) - turned
-        further = times(self.rate_of_spin(Omega), motion) + times(Omega, turned + 2.0 * first)
-        return first, times(back, second) - further
+        first, second = self.pieces.slow_rates(self._turned(motion[..., None])[..., 0], span)
+        for at, R, Omega in self.turns:
+            back, x = R.transpose(0, 2, 1), motion[:, at]
+            turned = times(Omega, x)
+            first[:, at] = times(back, first[:, at]) - turned
+            spin = back @ self.pieces.rate(R @ Omega @ back) @ R
+            further = times(spin, x) + times(Omega, turned + 2.0 * first[:, at])
+            second[:, at] = times(back, second[:, at]) - further
+        return first, second
 
     def rate_of_spin(self, Omega: Array) -> Array:
-        """Time derivative of Ω (n, nu, nu), of all coordinates or of those that are turned."""
-        if self.turns is None:
-            return self.pieces.rate(Omega)
-        R, back = self.turns[0], self.turns[0].transpose(0, 2, 1)
-        return np.asarray(back @ self.pieces.rate(R @ Omega @ back) @ R)
+        """Time derivative of Ω (n, nu, nu)."""
+        turned = Omega.copy()
+        for at, R, _ in self.turns:
+            own = np.ix_(np.arange(len(R)), at, at)
+            turned[own] = R @ Omega[own] @ R.transpose(0, 2, 1)
+        rate = self.pieces.rate(turned)
+        for at, R, _ in self.turns:
+            own = np.ix_(np.arange(len(R)), at, at)
+            rate[own] = R.transpose(0, 2, 1) @ rate[own] @ R
+        return rate
+
+    def _turned(self, x: Array) -> Array:
+        """Components (n, nu, d) in these axes."""
+        turned = x.copy() if self.turns else x
+        for at, R, _ in self.turns:
+            turned[:, at] = R @ x[:, at]
+        return turned
 
 
 def _roughness(values: Array) -> float:

@@ -17,7 +17,7 @@ from flexmb.engine.bodies.static_modes import static_coordinates
 from flexmb.engine.compile import Compiled
 from flexmb.engine.forces.bristle import BALL_HISTORY, POINT_HISTORY
 from flexmb.engine.forces.friction import BRISTLE, FREE
-from flexmb.engine.tables import BodyColumns, System
+from flexmb.engine.tables import BodyColumns, Layout, System
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, IntArray, skew
 from flexmb.results import Result
@@ -363,6 +363,7 @@ def carry_motion(
     if points[0] != points[1]:  # in between, the motion of frames
         frames = own.layout.of_frames(motion.q, motion.v, motion.vd)
         moved = replace(motion, q=frames[0], v=frames[1], vd=frames[2])
+        _move_moments(residual, motion.q, own.layout, layout)
     for body in layout.bodies:
         _carry_body(moved, residual, mine[body.name], body, shapes, (q, v, vd, balance))
     if points[0] != points[1]:
@@ -380,6 +381,20 @@ def carry_motion(
         if name in places:
             lam[:, k] = motion.lam[:, places[name]]
     return Motion(motion.t, q, v, vd, lam, motion.channels), balance
+
+
+def _move_moments(forces: Array, q: Array, old: Layout, new: Layout) -> None:
+    """Refer the moments of forces (n, nv of the old layout) to the points of the new one."""
+    from scipy.spatial.transform import Rotation
+
+    names, none = [body.name for body in new.bodies], np.zeros((len(new.bodies), 3))
+    points = np.array(new.references) if new.references else none
+    for k, body in enumerate(old.bodies):
+        before = np.array(old.references[k]) if old.references else np.zeros(3)
+        arm = before - points[names.index(body.name)]
+        axes = Rotation.from_quat(np.roll(q[:, body.iq + 3 : body.iq + 7], -1, axis=1))
+        force = axes.inv().apply(forces[:, body.iv : body.iv + 3])
+        forces[:, body.iv + 3 : body.iv + 6] += np.cross(arm, force)
 
 
 def _carry_body(

@@ -148,3 +148,11 @@ def linearise(compiled: Compiled, motion: Motion, balance: Array) -> Variational
 def times(X: Array, x: Array) -> Array:
     """Product X x in each row."""
     return np.asarray(np.einsum("tij,tj->ti", X, x))
+
+
+def spin(of: VariationalEquations, motions: Array) -> Array:
+    """Ω X of motions X (n, nu, d): Ω couples the three coordinates of a vector only."""
+    made, rows = np.zeros_like(motions), np.arange(len(motions))
+    for at in of.frames.vectors():
+        made[:, at] = of.Omega[np.ix_(rows, at, at)] @ motions[:, at]
+    return made

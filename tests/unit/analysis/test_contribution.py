@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -136,21 +135,23 @@ def test_round_off_of_a_sensor_at_rest_does_not_ring() -> None:
     assert fast_shares(model, noise, names, {"m": 1e-13})["ball"] < 3e-3
 
 
-@pytest.mark.parametrize(("little", "decides"), [(0.0, True), (2e-3, True), (4e-3, False)])
-def test_effects_that_nothing_switches_may_wait_if_they_do_not_decide(little, decides) -> None:
-    """Up to half of the budget may be left out together: 0.5 %. One more may be as large as 0.2 %
-    beside 0.2 %, but not 0.4 beside 0.4 %."""
+def test_effects_that_nothing_switches_wait_until_no_other_one_exceeds_the_budget() -> None:
+    """Up to half of the budget may be left out together: 0.5 %."""
 
-    def effect(name: str, share: float) -> EffectOutcome:
+    def effect(name: str, share: float, body: str) -> EffectOutcome:
         return EffectOutcome(
-            name, "rod", False, "rigid", share, "", "tip", None, "", "", {"tip": share}
+            name, body, False, "rigid", share, "", "tip", None, "", "", {"tip": share}
         )
 
     selection = Selection({"rod": {"deformation": "rigid"}, "bar": {"deformation": "rigid"}})
-    found = [effect("deformation", 0.3), replace(effect("deformation", little), body="bar")]
-    assert _switch_on(selection, found, 1, number="1", budget=0.01) == decides
-    assert selection.words["rod"]["deformation"] == ("quasi-static" if decides else "rigid")
+    found = [effect("deformation", 0.3, "rod"), effect("deformation", 4e-3, "bar")]
+    assert _switch_on(selection, found, number="1", budget=0.01)
+    assert selection.words["rod"]["deformation"] == "quasi-static"
     assert selection.words["bar"]["deformation"] == "rigid"
+    assert not _switch_on(selection, found[1:], number="2", budget=0.01)
+    known = [found[1], effect("further modes", 2e-3, "rod")]
+    assert _switch_on(selection, known, number="2", budget=0.01)
+    assert selection.words["bar"]["deformation"] == "quasi-static"
 
 
 @pytest.mark.parametrize("rings", [0.0, 0.1])
@@ -163,8 +164,20 @@ def test_no_small_number_is_told_where_a_sensor_rings_faster_than_the_rows(rings
     assert made.share == (None if rings else 2e-3)
     assert made.verdict == ("not known" if rings else "may stay off")
     selection = Selection({"rod": {"deformation": "quasi-static"}})
-    assert _switch_on(selection, [made], 0, number="1", budget=0.01) == bool(rings)
+    assert _switch_on(selection, [made], number="1", budget=0.01) == bool(rings)
     assert selection.words["rod"]["deformation"] == ("dynamic" if rings else "quasi-static")
+
+
+@pytest.mark.parametrize(
+    ("name", "verdict"), [("further modes", "not known"), ("full inertia coupling", "may stay off")]
+)
+def test_further_modes_ring_more_than_the_rows_show(name, verdict) -> None:
+    """Of a double pendulum 0.007 % of a reaction for 1.3 %, with 641 rows that ring by 0.36 %."""
+    of = SimpleNamespace(
+        estimate=lambda _: ([Contribution("pin", "N", 1e-3, 6.7e-5, unresolved=3.6e-3)], None),
+        of=SimpleNamespace(model=SimpleNamespace(units=unit_system("SI"))),
+    )
+    assert _outcome(of, Effect(name, "rod", False, ""), 0.01).verdict == verdict
 
 
 @pytest.mark.parametrize("vibration", [0.02, 0.2])
@@ -181,7 +194,7 @@ def test_what_vibrates_is_not_made_quasi_static(vibration) -> None:
         for name in ("deformation", "vibration")
     ]
     selection = Selection({"rod": {"deformation": "rigid"}})
-    assert _switch_on(selection, made, 0, number="1", budget=0.01)
+    assert _switch_on(selection, made, number="1", budget=0.01)
     assert selection.words["rod"]["deformation"] == "dynamic"
 
 
