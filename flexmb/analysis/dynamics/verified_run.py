@@ -230,6 +230,7 @@ class VerifiedRun:
         """Arrays that a resumed run needs in addition to the state of the fine run."""
         return {
             **{_SCOUT + name: value for name, value in self.scout.state._asdict().items()},
+            _SCOUT + "balance": self.scout.rows.balance.tally,
             **self.error.arrays(),
             **({} if self.jumps is None else {"jumps": self.jumps.table}),
         }
