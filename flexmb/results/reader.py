@@ -91,7 +91,7 @@ _ERRORS = {  # by statistic: its name in texts, and what it is relative to
     "measured_error_of_positions": (
         "measured error", " of the peak-to-peak of the worst sensor",
     ),
-    "estimated_error": ("estimated error", " of the motion"),
+    "estimated_error": ("sum of local errors", " of the motion, not verified"),
     "energy_balance_error": ("energy balance error", " of the energy moved"),
     "largest_position_drift": ("largest position drift", " m or rad"),
 }  # fmt: skip

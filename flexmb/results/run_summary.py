@@ -31,11 +31,15 @@ _ITERATIONS = {
 _ALL_CONSTRAINTS, _UNPROJECTED = "the largest of any constraint", "before the projection"
 _DIVIDED = "half steps failed, or are those of the run, whose steps failed and were divided"
 _MEASURED_BY = "of fixed steps; verify = true measures it, in three times the time"
+_SUM_OF_LOCAL_ERRORS = (
+    "not verified: the sum of the local errors over the motion, from which that of the result may "
+    "differ by orders of magnitude; leave out verify = false to measure it"
+)
 _WITHOUT_PROJECTION = "baumgarte"  # the integration method that does not project velocities
 _MEASURED, _WORST, _SCALE = "measured_error_of_", "worst_of_", "scale_of_"
 _QUANTITIES = ("positions", "velocities", "reactions")
 _ERRORS = {
-    "estimated_error": ("estimated error", "sum of the local errors over the motion; not verified"),
+    "estimated_error": ("estimated error", _SUM_OF_LOCAL_ERRORS),
     "energy_balance_error": ("energy balance error", "over the energy that moved"),
     "largest_position_drift": ("position drift", f"m or rad, {_ALL_CONSTRAINTS}"),
     "largest_velocity_drift": ("velocity drift", f"m/s or rad/s, {_UNPROJECTED}"),
@@ -188,7 +192,7 @@ def summary_sentence(statistics: Mapping[str, Number]) -> str:
         f"{name} {float(statistics[key]):.1g}"
         for key, name in (
             ("measured_error_of_positions", "measured error"),
-            ("estimated_error", "estimated error"),
+            ("estimated_error", "error not measured, sum of local errors"),
             ("energy_balance_error", "energy balance"),
             ("largest_position_drift", "drift"),
         )

@@ -143,10 +143,12 @@ def test_the_summary_says_what_a_run_cost_and_what_more_would() -> None:
     assert rows["residual evaluations"] == ("2 468", "2 per step")
     assert rows["factorisations"][1] == "0.5 per step"
     assert rows["estimated error"][0] == "3.2e-05"
+    assert "leave out verify = false to measure it" in rows["estimated error"][1]
     assert "ill-conditioned pivots" not in rows
     assert ("integrate", "0.0123", "10 µs per step") in time_rows(EVERYTHING)
     assert summary_sentence(EVERYTHING) == (
-        "1 234 steps in 0.0123 s: estimated error 3e-05, energy balance 4e-07, drift 1e-12; "
+        "1 234 steps in 0.0123 s: error not measured, sum of local errors 3e-05, energy balance "
+        "4e-07, drift 1e-12; "
         "ten times more accuracy would cost about 3.2 times the time"
     )
 

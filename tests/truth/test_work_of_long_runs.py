@@ -1,0 +1,50 @@
+"""A motor drives a fan for a thousand seconds: far more energy passes through than is stored.
+
+The error of the sum of works exceeds 5 % of the energy stored, while the motion is right, as SciPy
+says: no reason for an alarm.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from accuracyscenes.judging import judged
+from scipy.integrate import solve_ivp
+
+from flexmb.model import Model
+
+J = 1e-3
+
+
+def fan():
+    made = Model("fan")
+    made.add_body("rotor", mass=1, inertia=[J] * 3)
+    made.add_joint("pin", "revolute", between=["ground", "rotor"], axis="z")
+    made.add_sensor("turn", "angle", joint="pin")
+    made.add_sensor("w", "angle", joint="pin", derivative=1)
+    made.add_force("motor", "torque", at="rotor", value=[0, 0, "0.4 + 0.6*sin(5*t)"])
+    made.add_force("fan", "torque", at="rotor",
+                   value=[0, 0, "-0.03*w - 0.02*w*abs(w) - 0.3*sin(2*turn)"])  # fmt: skip
+    return made
+
+
+def fan_truth(t):
+    def slope(t, y):
+        drag = 0.03 * y[1] + 0.02 * y[1] * abs(y[1]) + 0.3 * math.sin(2 * y[0])
+        return [y[1], (0.4 + 0.6 * math.sin(5 * t) - drag) / J]
+
+    y = solve_ivp(slope, (0, t[-1]), [0.0, 0.0], "LSODA", t, rtol=1e-9, atol=1e-9).y
+    return {"turn": y[0], "w": y[1]}
+
+
+def test_the_work_of_a_long_run_is_no_alarm():
+    found = judged(fan(), fan_truth, duration=1000.0, outputs=20, accuracy=1e-3)
+    assert found.statistics["energy_balance_error"] > 0.05
+    assert found.achieved < 1e-2  # of speeds as well, over their range in the rows
+    assert not any("energy balance" in note for note in found.notes), found.notes
+
+
+def test_works_that_are_not_measured_are_still_reported():
+    found = judged(fan(), duration=20.0, outputs=20, step=0.01)
+    assert np.any(["energy balance" in note for note in found.notes])
