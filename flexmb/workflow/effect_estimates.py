@@ -165,10 +165,12 @@ class Estimates:
         from flexmb.analysis.effects.contribution import evaluation_time as time
         from flexmb.analysis.effects.stored_motion import shapes_of
 
-        model, own, follow = self.of.neighbour(*effects), self.of.compiled, False
+        model, own = self.of.neighbour(*effects), self.of.compiled
+        follow: tuple[str, ...] = ()
         name, on, motion = effects[0].name, effects[0].on, self.of.motion
         if name != STATIC and self.of.static:
-            own, follow = self.of.dynamic[1], "quasi-static" in self.of.static.values()
+            own, static = self.of.dynamic[1], self.of.static.items()
+            follow = tuple(body for body, word in static if word == "quasi-static")
             model = with_words(model, dict.fromkeys(self.of.static, DYNAMIC))
         bodies, shapes = dict(self.of.bodies), {}
         for one in effects:
@@ -235,8 +237,10 @@ class Estimates:
             with_words(one, dict.fromkeys(mine, QUASI_STATIC)) for one in (self.of.model, model)
         )
         beside, slow = (self.of.compile(one, bodies) for one in both)
-        if follow := len(static_coordinates(beside.system, kinetostatic=True)) > 0:
-            slow = other  # nothing vibrates, nor do other bodies on the compliance of this one
+        follow: tuple[str, ...] = ()
+        if len(static_coordinates(beside.system, kinetostatic=True)) > 0:
+            # nothing vibrates, nor do other bodies on the compliance of this one
+            follow, slow = tuple(other.flexbodies), other
         (_, after), still, _ = self._changes(own, slow, model, motion, {}, follow)
         if motion is not self.of.motion:  # the body is flexible in both
             without = after if effects[0].on else smaller_range(after, histories[0])
@@ -272,7 +276,7 @@ class Estimates:
 
     def _changes(
         self, own: Compiled, other: Compiled, model: Model, motion: Motion,
-        shapes: Mapping[str, Array], follow: bool = False, inertia: Sequence[str] = (),
+        shapes: Mapping[str, Array], follow: Sequence[str] = (), inertia: Sequence[str] = (),
     ) -> tuple[tuple[Array, ...], Array, tuple[str, ...]]:  # fmt: skip
         """Histories of the channels with and without another model, their change, their names."""
         from flexmb.analysis.effects.contribution import estimate
@@ -289,7 +293,7 @@ class Estimates:
 
     def _few_changes(
         self, own: Compiled, other: Compiled, model: Model, motion: Motion,
-        shapes: Mapping[str, Array], follow: bool,
+        shapes: Mapping[str, Array], follow: Sequence[str],
     ) -> tuple[tuple[Array, ...], Array, tuple[str, ...]] | None:  # fmt: skip
         """`_changes` from a part of many rows if no sensor changes in these; else None."""
         from flexmb.analysis.effects.contribution import contributions

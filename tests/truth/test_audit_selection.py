@@ -11,6 +11,7 @@ from flexiblescenes import BEAM_PERIOD, STEEL
 import flexmb
 from flexmb.errors import FlexmbError
 from flexmb.model import Model
+from flexmb.workflow.audit import Audit
 from flexmb.workflow.effect import BOTH, MODES
 from flexmb.workflow.effect_estimates import Estimates
 from flexmb.workflow.run import run_single
@@ -66,6 +67,11 @@ def test_what_nothing_may_switch_is_estimated_once(monkeypatch, tmp_path):
     taken = {step[0] for step in json.loads(run.texts["effects"])["steps"]}
     assert taken == {"1", "2"}
     assert asked.count((MODES, False)) == 1
+    assert ("deformation", True) not in asked  # the run without it has told that
+    made = Audit.from_text(run.texts["audit"])
+    (one,) = (one for one in made.effects if one.effect == "deformation")
+    assert (one.on, one.verdict, one.why) == (True, "needed", "as told of the run without it")
+    assert one.share > 1e-5 and one.cost > 1.0
 
 
 def test_runs_of_an_audit_end_at_no_bound(tmp_path):

@@ -232,7 +232,7 @@ def shared(
 
 def estimate(
     own: Compiled, other: Compiled, model: Model, motion: Motion, shapes: Mapping[str, Array],
-    *, begins_as_placed: bool = True, quasi_static: bool = False, inertia: Sequence[str] = (),
+    *, begins_as_placed: bool = True, quasi_static: Sequence[str] = (), inertia: Sequence[str] = (),
 ) -> tuple[Response, NDArray[np.bool_]]:  # fmt: skip
     """First-order change of the sensors of a run in another model, and whether it is reliable.
 
@@ -250,8 +250,8 @@ def estimate(
         As for `carry_motion`.
     begins_as_placed : bool
         Whether the run began as the scene says, not from another run.
-    quasi_static : bool
-        Leave out the inertia of vibrations.
+    quasi_static : sequence of str
+        Bodies whose vibrations have no inertia.
     inertia : sequence of str
         Bodies whose modes have no inertia in the run: their residual is no noise. Kinetostatic ones
         get the time derivatives of their positions as velocities, those that are springs without
@@ -279,7 +279,7 @@ def estimate(
 
 
 def settles(
-    other: Compiled, motion: Motion, balance: Array, first: Response, quasi_static: bool
+    other: Compiled, motion: Motion, balance: Array, first: Response, quasi_static: Sequence[str]
 ) -> NDArray[np.bool_]:
     """Whether each channel's change is nearly confirmed by the equations along the changed motion.
 

@@ -19,6 +19,7 @@ Padilla & von Flotow, J. Guidance 15 (1992) 149, who linearise about the motion 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -78,7 +79,7 @@ class Response:
 @one_blas_thread()
 def respond(
     compiled: Compiled, motion: Motion, balance: Array,
-    start: tuple[Array, Array, Array] | None = None, *, quasi_static: bool = False,
+    start: tuple[Array, Array, Array] | None = None, *, quasi_static: Sequence[str] = (),
     jumps: Jumps | None = None,
 ) -> Response:  # fmt: skip
     """Small motions of a model about the motion of another model.
@@ -94,8 +95,9 @@ def respond(
         which is subtracted.
     start : three (nv,) arrays, optional
         First changes of positions, velocities and accelerations; zero by default.
-    quasi_static : bool
-        Leave out the inertia of vibrations: deformations are in equilibrium with their loads.
+    quasi_static : sequence of str
+        Bodies whose vibrations have no inertia: their deformations are in equilibrium with their
+        loads.
     jumps : Jumps, optional
         Jumps of the computed motion that the other model does not have.
     """
@@ -105,7 +107,8 @@ def respond(
     load = equations.F + small.load
     load = load + sum(map(times, (equations.M, equations.D, equations.K), parts[::-1]))
     elastic = equations.frames.elastic()
-    follows = (np.diag(elastic) > 0.0) & quasi_static  # without inertia
+    without = equations.frames.stiffness_of(quasi_static)
+    follows = np.diag(np.zeros_like(elastic) if without is None else without) > 0.0
     multipliers = np.einsum("tr,trc->tc", equations.shares(load, follows), equations.rows)
     n, closed, factors = len(motion.t), None, np.ones((1, len(motion.t)))
     q, v, vd = map(equations.frames.to_motions, parts)
@@ -201,6 +204,14 @@ class _Begin(NamedTuple):
     vd: Array | None
 
 
+class _Springs(NamedTuple):
+    """Stiffness (nu, nu) of all modes, of those without inertia and of bodies that follow loads."""
+
+    elastic: Array
+    massless: Array | None
+    quasi_static: Array | None
+
+
 @dataclass(frozen=True, eq=False)
 class _SmallMotions:
     """δq, δv, δv̇ (3, n, nu); loads (n, nu) and changes of history (n, h) of bristles; number of
@@ -215,7 +226,7 @@ class _SmallMotions:
 
 def _solve(
     compiled: Compiled, motion: Motion, of: VariationalEquations,
-    start: tuple[Array, Array, Array] | None, quasi_static: bool, jumps: Jumps | None,
+    start: tuple[Array, Array, Array] | None, quasi_static: Sequence[str], jumps: Jumps | None,
 ) -> _SmallMotions:  # fmt: skip
     """Solve the variational equations; arguments as of `respond`.
 
@@ -232,7 +243,8 @@ def _solve(
         dq, dv, dvd = (frames.to_coordinates(0, x) for x in start)
         begin = _Begin(dq, dv, dvd - frames.spin()[1][0] @ dv)
     static = static_coordinates(compiled.system)
-    springs = frames.elastic(), frames.elastic(static) if len(static) else None
+    massless = frames.elastic(static) if len(static) else None
+    springs = _Springs(frames.elastic(), massless, frames.stiffness_of(quasi_static))
     parts, load = np.zeros((3, n, nu)), np.zeros((n, nu))
     first, bounded, bristles = 0, n, Bristles(compiled, motion)
     bends = {*bristles.bends.tolist()}
@@ -244,9 +256,7 @@ def _solve(
         added = bristles.load(range(n)[rows], *places)
         load[rows] = frames.turned(added[:, None], rows)[:, 0]
         own = of.part(rows).between(load[rows], first in bends, rows.stop - 1 in bends)
-        parts[:, rows], bounded = _solve_piece(
-            pieces.part(rows), own, coordinates, begin, springs, quasi_static
-        )
+        parts[:, rows], bounded = _solve_piece(pieces.part(rows), own, coordinates, begin, springs)
         bounded = n if bounded == len(coordinates.Z) else first + bounded
         first = rows.stop - 1
         accelerations = None if first in bends else parts[2, first]
@@ -255,21 +265,22 @@ def _solve(
             both = (x[stays[first]] for x in (jumps.places, jumps.velocities))
             dq, dv = (frames.to_coordinates(first, x) for x in both)
             begin = _Begin(begin.q - dq, begin.v - dv, None)
-    if quasi_static and n > _ENDS**2:
+    flexible = {body.name for body in compiled.layout.bodies if body.m}
+    if flexible and flexible <= {*quasi_static} and n > _ENDS**2:
         parts[1:, -_ENDS:] = parts[1:, [-_ENDS - 1]]
     return _SmallMotions(pieces, parts, load, bristles.changes, bounded)
 
 
 def _solve_piece(
     pieces: SmoothPieces, of: VariationalEquations, coordinates: IndependentCoordinates,
-    begin: _Begin, springs: tuple[Array, Array | None], quasi_static: bool,
+    begin: _Begin, springs: _Springs,
 ) -> tuple[Array, int]:  # fmt: skip
     """δq, δv and δv̇ (3, n, nu) from given first values; number of bounded rows.
 
-    `springs` are the stiffness of all modes, and of those without inertia. With `quasi_static`,
-    vibrations whose stiffness is mostly that of bodies are in equilibrium with their loads.
+    Vibrations whose stiffness is mostly that of bodies that follow are in equilibrium with their
+    loads.
     """
-    (elastic, massless), (q, v, vd) = springs, begin
+    (elastic, massless, quasi_static), (q, v, vd) = springs, begin
     span, interval = pieces.t[-1] - pieces.t[0], np.median(np.diff(pieces.t))
     axes = SlowAxes.of(pieces, of, coordinates.Z)
     made, further = IndependentMotions(axes, of, *coordinates), None
@@ -278,14 +289,14 @@ def _solve_piece(
     omega, T = made.modes(1.0 / span, further)
     # joints are closed with the least elastic energy, so that stiff modes do not contribute
     first = np.linalg.solve(T, np.stack(made.coordinates(q, v, elastic * span**2), axis=1))
-    if quasi_static:
-        follow = np.einsum("ij,ik,kj->j", T, made.mean(elastic), T) > 0.5 * omega**2
+    if quasi_static is not None:
+        follow = np.einsum("ij,ik,kj->j", T, made.mean(quasi_static), T) > 0.5 * omega**2
     else:
         follow = omega * interval > UNRESOLVED
         follow &= np.argsort(np.argsort(omega)) >= _MOST_VIBRATIONS
     follow |= (massless is not None) & (omega * interval * _NO_TIME > 0.5)
     if follow.any():
-        wide = _SPAN / omega[follow].min() if quasi_static else 0.0
+        wide = _SPAN / omega[follow].min() if quasi_static is not None else 0.0
         first, made = first[~follow], made.condensed(T, follow, wide)
         omega, T = made.modes(1.0 / span)
         first = np.linalg.solve(T, first)

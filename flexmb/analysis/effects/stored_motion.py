@@ -5,7 +5,7 @@ In: the rows of a run, compiled models. Out: their states, and the residuals of 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -284,6 +284,12 @@ class WeightedCoordinates:
         """Weighted coordinates in row k of a motion (nv,); the columns of S are orthogonal."""
         turned = self.turned(motion[None, None], slice(k, k + 1))[0, 0]
         return np.asarray(turned / self.inverse[self.used] ** 2)
+
+    def stiffness_of(self, names: Sequence[str]) -> Array | None:
+        """Stiffness of the modes of bodies of these names; None without any."""
+        bodies = [body for body in self.compiled.layout.bodies if body.name in names and body.m]
+        places = [np.arange(body.iv + 6, body.iv + 6 + body.m) for body in bodies]
+        return self.elastic(np.concatenate(places)) if places else None
 
     def elastic(self, places: IntArray | None = None) -> Array:
         """Stiffness of the modes of all bodies, or of those with some indices."""

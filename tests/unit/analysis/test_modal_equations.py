@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from flexmb.analysis.effects.independent_coordinates import IndependentCoordinates
-from flexmb.analysis.effects.perturbation import _Begin, _solve_piece
+from flexmb.analysis.effects.perturbation import _Begin, _solve_piece, _Springs
 from flexmb.analysis.effects.smooth_pieces import SmoothPieces
 
 STIFF, LIGHT = 400.0, 0.1  # N/m, kg: 63 rad/s; rows every 0.05 s are 3 rad apart
@@ -46,7 +46,7 @@ def solved(begin):
     everything = IndependentCoordinates(np.tile(np.eye(2), (len(T), 1, 1)), np.zeros((len(T), 2)))
     pieces = SmoothPieces(T, np.zeros(0, int))
     parts, bounded = _solve_piece(
-        pieces, variational(), everything, begin, (np.zeros((2, 2)), None), False
+        pieces, variational(), everything, begin, _Springs(np.zeros((2, 2)), None, None)
     )
     assert bounded == len(T)
     return parts
