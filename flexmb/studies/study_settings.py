@@ -296,7 +296,7 @@ def _without_conflict(knobs: Mapping[str, tuple[Any, ...]]) -> list[dict[str, tu
 
 _COMPLETE: dict[str, Any] = {
     "deformation": "dynamic", "inertia_coupling": "full", "geometric_stiffening": "full",
-    "frame": MEAN_AXIS, **dict.fromkeys(SWITCHES, True), "planar": False,
+    "membrane_forces": "full", "frame": MEAN_AXIS, **dict.fromkeys(SWITCHES, True), "planar": False,
 }  # fmt: skip
 
 

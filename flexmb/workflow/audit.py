@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from flexmb.errors import FlexmbError, ResultFileError, SceneError
 from flexmb.progress import Progress, silent
-from flexmb.workflow.effect import DEFORMATION, MODES, Effect, percent
+from flexmb.workflow.effect import DEFORMATION, MEMBRANE, MODES, Effect, percent
 from flexmb.workflow.effect_estimates import Estimates
 from flexmb.workflow.neighbours import ModelVariants
 from flexmb.workflow.scene_effects import scene_effects
@@ -343,9 +343,7 @@ def _membrane_forces(monitor: ValidityMonitor, budget: float) -> Iterator[Effect
         if one.quantity == "membrane_forces":
             seen = one.warning == LARGEST_SENSOR_CHANGE  # else the change of the deflection
             verdict = _verdict(False, one.value, budget if seen else one.warning)
-            yield EffectOutcome(
-                "membrane forces", one.body, False, "", one.value, "", "", None, verdict
-            )
+            yield EffectOutcome(MEMBRANE, one.body, False, "", one.value, "", "", None, verdict)
 
 
 def _basis(neighbours: ModelVariants, monitor: ValidityMonitor) -> Iterator[EffectOutcome]:

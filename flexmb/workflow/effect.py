@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from flexmb import units
+from flexmb.model.flexible_body import stretches
 from flexmb.model.mesh_body import MeshBodySpec
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ DEFORMATION, VIBRATION = "deformation", "vibration"
 STATIC = "vibration of quasi-static modes"
 STIFFENING, COUPLING, BOTH = "geometric stiffening", "inertia coupling", "coupling and stiffening"
 MODES, DAMPING, GRAVITY, FRICTION = "further modes", "damping", "gravity", "friction"
-OUT_OF_PLANE = "motion out of the plane"
+OUT_OF_PLANE, MEMBRANE = "motion out of the plane", "membrane forces"
 RIGID, DYNAMIC = {"deformation": "rigid"}, {"deformation": "dynamic"}
 QUASI_STATIC = {"deformation": "quasi-static"}
 _MORE_MODES = 2  # times as many modes tell what those left out would do
@@ -31,6 +32,7 @@ FULL = {"inertia_coupling": "full", "geometric_stiffening": "full"}
 
 
 _FRAMED = "quasi-static modes keep no momentum in a frame at an interface; take mean axes"
+_STRETCHES = "quasi-static modes know no membrane forces"
 
 
 @dataclass(frozen=True)
@@ -75,7 +77,10 @@ def _effects_of_body(
     numbers = indicators(compiled, motion, body, name)
     yield Effect(DEFORMATION, name, True, f"u/L {numbers.deflection:.2g}", RIGID)
     fast, turning = f"f/f1 {numbers.excitation:.2g}", f"Ω/ω1 {numbers.speed:.2g}"
-    if spec.deformation != "quasi-static":
+    if stretches(spec):
+        yield Effect(VIBRATION, name, True, fast, QUASI_STATIC, _STRETCHES)
+        yield Effect(MEMBRANE, name, True, "", {"membrane_forces": "none"})
+    elif spec.deformation != "quasi-static":
         yield Effect(VIBRATION, name, True, fast, QUASI_STATIC)
         if static := quasi_static(spec, body, model):
             yield Effect(STATIC, name, False, f"{len(static)} of {body.m}", DYNAMIC)

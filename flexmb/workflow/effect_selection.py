@@ -12,7 +12,7 @@ body are not changed.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from math import inf
@@ -20,14 +20,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from flexmb.errors import FlexmbError
+from flexmb.model.flexible_body import stretches
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.scenes.effects import with_words
 from flexmb.progress import Progress, silent
-from flexmb.workflow.audit import Audit, EarlierAudits, EffectOutcome, audit_until
+from flexmb.workflow.audit import MISSING, Audit, EarlierAudits, EffectOutcome, audit_until
 from flexmb.workflow.effect import (
     BOTH,
     COUPLING,
     DEFORMATION,
+    MEMBRANE,
     MODES,
     STATIC,
     STIFFENING,
@@ -59,6 +61,7 @@ _WORDS: dict[str, dict[str, Any]] = {
     COUPLING: {"inertia_coupling": "partial"},
     STIFFENING: {"geometric_stiffening": "full"},
     _FULL: {"inertia_coupling": "full"},
+    MEMBRANE: {"membrane_forces": "full", "deformation": "dynamic"},
 }
 _R = "rigid"
 # for bodies that can be neither rigid nor quasi-static
@@ -78,7 +81,7 @@ class Selection:
         Final options of each flexible body, among those that the scene leaves open.
     framed : frozenset of str
         Bodies with their frame at an interface: there quasi-static modes have no momentum, and
-        partial coupling may diverge.
+        partial coupling may diverge. Bodies with membrane forces, which such modes do not know.
     steps : list of tuple of str
         Rows under `COLUMNS`.
     """
@@ -154,6 +157,7 @@ def run_with_selected_effects(
     FlexmbError
         As `run_single`.
     """
+    from flexmb.analysis.validity.membrane_forces import LEFT_OUT
     from flexmb.results import Result
     from flexmb.results.writer import store_text
 
@@ -163,7 +167,11 @@ def run_with_selected_effects(
     flexible: dict[str, Any] = {k: spec for k, spec in model.bodies.items() if spec.flexible}
     selection = Selection(
         {name: _open_words(spec) for name, spec in flexible.items()},
-        frozenset(name for name, spec in flexible.items() if spec.frame_interface is not None),
+        frozenset(
+            name
+            for name, spec in flexible.items()
+            if spec.frame_interface is not None or stretches(spec)
+        ),
     )
     earlier = EarlierAudits()
     made: Audit | None = None
@@ -175,7 +183,11 @@ def run_with_selected_effects(
             )
         except FlexmbError as error:
             first = first or error
-            if not _raise_all_bodies(selection, number, str(error).splitlines()[0]):
+            lacking = [body for body in flexible if f"bodies.{body}: {LEFT_OUT}" in str(error)]
+            if _add_membrane_forces(selection, flexible, lacking, number, MEMBRANE, "", ""):
+                continue
+            why = str(error).splitlines()[0].partition("; ")[0]
+            if not _raise_all_bodies(selection, number, why):
                 raise first from None
             continue
         first = None
@@ -187,16 +199,20 @@ def run_with_selected_effects(
             selection.may_switch, earlier=earlier,
         )  # fmt: skip
         if made is not None:
-            break
+            lacking = [one.body for one in made.effects
+                       if one.effect == MEMBRANE and one.verdict == MISSING]  # fmt: skip
+            if not _add_membrane_forces(selection, flexible, lacking, number, MEMBRANE, "", ""):
+                break
+            made = None
     made = made or audit_until(run, budget, progress, earlier=earlier)
     assert made is not None
     store_text(run.path, TEXT, selection.text())
     picture, history = draw_run(run, progress) if pictures else (None, None)
     steps = selection.steps or [("1", "", "nothing", "all stays within the budget", "", "")]
-    from flexmb.analysis.validity.omitted_vibrations import LEFT_OUT
+    from flexmb.analysis.validity.omitted_vibrations import LEFT_OUT as NO_VIBRATIONS
 
     beside = "; the sensors stay within the budget, stresses may not" if made.passed else ""
-    notes = [note + beside * (LEFT_OUT in note) for note in report.notes]
+    notes = [note + beside * (NO_VIBRATIONS in note) for note in report.notes]
     return replace(
         report, picture=picture, history=history, notes=[*notes, made.sentence()],
         tables=((COLUMNS, tuple(steps)), made.table()),
@@ -222,6 +238,20 @@ def _raise_all_bodies(selection: Selection, number: str, why: str) -> bool:
         k for k, words in selection.words.items() if words.get("inertia_coupling") == "constant"
     ]
     return any([selection.switch(k, _WORDS[BOTH], number, why, "", "") for k in constant])
+
+
+def _add_membrane_forces(
+    selection: Selection, flexible: Mapping[str, Any], lacking: Iterable[str], *why: str
+) -> bool:
+    """Switch membrane forces on, where the scene leaves them open and all modes may be dynamic."""
+    changed = False
+    for body in lacking:
+        spec, words = flexible[body], selection.words[body]
+        is_open = "deformation" in words or spec.deformation == "dynamic"
+        if is_open and "membrane_forces" not in spec.model_fields_set:
+            words.setdefault("membrane_forces", "none")
+            changed |= selection.switch(body, _WORDS[MEMBRANE], *why)
+    return changed
 
 
 def _words_of(effect: str, indicator: str) -> dict[str, Any]:

@@ -163,10 +163,11 @@ def bodies_of_surveys(
     """The flexible bodies without any reduction, and names of those that are only stood in for.
 
     A body in `folder` is used if it was made from the same input. Any other mesh is replaced by a
-    rigid body with its interfaces and nodes, with the mass spread evenly over the nodes.
+    rigid body with its interfaces and nodes, with the mass spread evenly over the nodes, and with
+    loads of its names that are zero.
     """
     from flexmb.flexbody import Interface
-    from flexmb.flexbody.parts import NodeModes
+    from flexmb.flexbody.parts import LoadPoint, LoadVector, NodeModes
 
     bodies: dict[str, FlexBody] = {}
     rigid: list[str] = []
@@ -187,8 +188,10 @@ def bodies_of_surveys(
             )
             modes = np.zeros((n, 3, 0))
             nodes = NodeModes(np.arange(n), survey.points, modes, modes, survey.groups)
-            body = _stand_in(survey, name)
-            bodies[name] = replace(body, interfaces=interfaces, nodes=nodes)
+            body, zero = _stand_in(survey, name), np.zeros(3)
+            point = LoadPoint("middle", survey.points.mean(axis=0), no_modes, no_modes)
+            loads = (LoadVector(k, zero, zero, np.zeros(0), (point,)) for k in spec.loads)
+            bodies[name] = replace(body, interfaces=interfaces, nodes=nodes, loads=tuple(loads))
     return bodies, rigid
 
 

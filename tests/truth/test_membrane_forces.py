@@ -24,9 +24,9 @@ DISK = {"type": "disk", "radius": 1.0, "divisions": [16, 48]}
 
 
 def held(body, middle=(0.5, 0, 0), place=0.0, **words):
-    """With all interfaces fixed, a pressure of unit size, and a sensor in the middle."""
-    model = Model("plate")
-    model.add_body("plate", body, position=[place, 0, 0], membrane_forces="full", **words)
+    """With all interfaces fixed, and a sensor in the middle."""
+    model, words = Model("plate"), words or {"membrane_forces": "full"}
+    model.add_body("plate", body, position=[place, 0, 0], **words)
     for end in body.interfaces:
         model.add_marker(f"ground.{end.name}", position=end.position + [place, 0, 0])
         model.add_joint(end.name, "fixed", between=[f"ground.{end.name}", f"plate.{end.name}"])
@@ -156,3 +156,19 @@ def test_a_body_without_their_data_is_refused():
     with pytest.raises(flexmb.FlexmbError, match="no data for them"):
         model.add_body("beam", beam, membrane_forces="full")
         flexmb.statics(model)
+
+
+@pytest.mark.parametrize("load", [3.0, 30.0])
+def test_auto_has_them_where_they_matter(load, tmp_path):
+    """Where a run without is refused, and where the audit tells what it lacks."""
+    mesh, edge = square("quad")
+    scene = held(plate(mesh, {"rim": edge}), inertia_coupling="constant")
+    pressure = load * 20 * E * H**4 / 3
+    scene.add_force("wind", "body-load", body="plate", load="wind",
+                    value=f"{pressure}*step5(t, 0, 0, 0.05, 1)")  # fmt: skip
+    scene.set_dynamics(duration=0.06, accuracy=1e-3, outputs=60)
+    scene.set_effects(choice="auto")
+    found = flexmb.simulate(scene, output=tmp_path)
+    assert any("membrane forces" in note and "effects" in note for note in found.notes)
+    (row,) = [one for one in flexmb.audit(found).effects if one.effect == "membrane forces"]
+    assert row.on and row.verdict == "needed"

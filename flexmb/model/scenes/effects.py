@@ -109,6 +109,12 @@ def effect_problems(model: ModelData) -> Iterator[Problem]:
             what = "quasi-static modes follow their loads by a constant stiffness, which membrane "
             what += 'forces change: make all modes "dynamic", or leave out membrane_forces'
             yield Problem(f"bodies.{name}.deformation", what)
+        if stretches(body) and model.plane is not None:
+            what = "bodies of a planar scene stay in its plane, and do not stretch as they bend: "
+            yield Problem(f"bodies.{name}.membrane_forces", what + "leave it out")
+        elif stretches(body) and not getattr(body, "interfaces", True):
+            what = "a body without interfaces has no data for them: give it one"
+            yield Problem(f"bodies.{name}.membrane_forces", what)
     if model.effects is not None and model.effects.choice == "auto" and not model.channels():
         first = next(iter(model.bodies), "body")
         yield Problem(

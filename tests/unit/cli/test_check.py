@@ -142,3 +142,48 @@ def processor_time(*words: str, env: dict[str, str]) -> float:
     return (
         after.children_user + after.children_system - before.children_user - before.children_system
     )
+
+
+DIAPHRAGM = """
+title = "diaphragm"
+gravity = "none"
+
+[bodies.plate]
+mesh = { type = "plate", length = 1, width = 1, divisions = [4, 4] }
+material = "steel"
+sections = { surface = { type = "shell", thickness = 0.01 } }
+interfaces = { rim = "edges" }
+loads = { wind = { type = "pressure", group = "surface", pressure = 1000 } }
+
+[joints.rim]
+type = "fixed"
+between = ["ground.rim", "plate.rim"]
+
+[ground.markers.rim]
+position = [0.5, 0, 0]
+
+[forces.gust]
+type = "body-load"
+body = "plate"
+load = "wind"
+value = 1
+"""
+
+
+def test_a_load_of_a_mesh_that_is_not_reduced_yet_is_no_mistake(tmp_path: Path) -> None:
+    """It was: bodies.plate has no load "wind"."""
+    scene = tmp_path / "scene.toml"
+    scene.write_text(DIAPHRAGM)
+    result = CliRunner().invoke(app, ["check", str(scene)])
+    assert result.exit_code == 0 and "the scene is valid" in result.output
+    scene.write_text(DIAPHRAGM.replace('load = "wind"', 'load = "wint"'))
+    result = CliRunner().invoke(app, ["check", str(scene)])
+    assert result.exit_code != 0 and "nearest: wind" in result.output
+
+
+def test_membrane_forces_in_a_plane_are_told_before_anything_is_reduced(tmp_path: Path) -> None:
+    scene = tmp_path / "scene.toml"
+    wanted = DIAPHRAGM.replace("[bodies.plate]", '[bodies.plate]\nmembrane_forces = "full"')
+    scene.write_text('plane = "xy"\n' + wanted)
+    result = CliRunner().invoke(app, ["check", str(scene)])
+    assert "bodies.plate.membrane_forces" in " ".join(result.output.split())
