@@ -25,7 +25,9 @@ from flexmb.flexbody.arrays import Checker, FloatArray, IntArray
 
 _STEPS, _ITERATIONS = 8, 30  # of the load; of Newton's method in each of them, at most
 _CONVERGED = 1e-9  # change of the coordinates over these
-_MAIN_SHARE = 0.3  # strain energy of a main shape over the largest, from which on it is one
+# Strain energy of a main shape over the largest, from which on it is one: of flat plates and, where
+# the stress of deformations acts on the products of others, of curved ones, which may snap through.
+_MAIN_SHARE, _MAIN_SHARE_CURVED, _CURVED = 0.3, 0.9, 0.1
 
 
 def shape_pairs(count: int) -> tuple[IntArray, IntArray]:
@@ -101,8 +103,10 @@ class MembraneStiffness:
         K (m, m) is the stiffness of the modes.
         """
         size = np.linalg.inv(self.shapes @ np.linalg.solve(K, self.shapes.T))
-        energy = np.diag(size) * (self.shapes @ eta) ** 2
-        keep = np.flatnonzero(energy >= _MAIN_SHARE * energy.max())
+        energy, y = np.diag(size) * (self.shapes @ eta) ** 2, self.products(eta)
+        curved = abs(eta @ self.linear @ y) > _CURVED * (y @ self.quadratic @ y)
+        share = _MAIN_SHARE_CURVED if curved else _MAIN_SHARE
+        keep = np.flatnonzero(energy >= share * energy.max())
         pairs = np.flatnonzero(np.isin(shape_pairs(len(energy)), keep).all(axis=0))
         return MembraneStiffness(
             self.shapes[keep], self.linear[:, pairs], self.quadratic[np.ix_(pairs, pairs)]

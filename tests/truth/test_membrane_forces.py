@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
+
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+from scipy.integrate import solve_bvp, solve_ivp
 
 import flexmb
 from flexmb.errors import SceneError
+from flexmb.fe.meshes.mesh_shapes import mesh_from
 from flexmb.model import Model
 from tests.truth.test_membrane_stiffness import (
     LEVY,
@@ -87,6 +91,43 @@ def test_a_strip_between_walls(size, place, stiffening):
     pressure = 20 * E * H**4
     found, _ = deflection(held(body, (0.5 * size, 0, 0), place * size), pressure)
     assert found == pytest.approx(tense_strip(pressure, size, H * size)[0], rel=0.01)
+
+
+def shallow_cap(pressure, rise, nu=0.3):
+    """Middle of a clamped shallow cap over the thickness, pushed upwards; Marguerre's equations."""
+    D, C = E * H**3 / (12 * (1 - nu**2)), E * H / (1 - nu**2)
+
+    def rates(r, y, load):
+        u, force, _, slope, bent = y
+        hoop, first = nu * force + (1 - nu**2) * C * u / r, -2 * rise * r
+        stretch = force / C - nu * u / r - 0.5 * slope**2 - slope * first
+        third = force * (slope + first) / D + 0.5 * load * r / D - bent / r + slope / r**2
+        return np.array([stretch, (hoop - force) / r, slope, bent, third])
+
+    r, y = np.linspace(1e-4, 1, 200), np.zeros((5, 200))
+    for load in np.linspace(0, pressure, 6)[1:]:
+        found = solve_bvp(
+            partial(rates, load=load), lambda a, b: np.array([a[0], a[3], b[0], b[2], b[3]]), r, y,
+            tol=1e-6, max_nodes=20000,
+        )  # fmt: skip
+        assert found.success
+        r, y = found.x, found.y
+    return y[2][0] / H
+
+
+@pytest.mark.parametrize(
+    ("rise", "share", "error"), [(1, -0.5, 5e-3), (1, 0.6, 5e-3), (2, -0.3, 0.015), (2, 0.3, 0.01)]
+)
+def test_a_shallow_cap_softens_or_stiffens_as_it_is_pushed(rise, share, error):
+    """In thicknesses, and over the pressure that buckles a sphere; it snaps through at 0.6."""
+    made = mesh_from(DISK, "mesh")
+    points = made.points.copy()
+    points[:, 2] = rise * H * (1 - points[:, 0] ** 2 - points[:, 1] ** 2)
+    body = plate(replace(made, points=points), {"rim": "outer"}, nu=0.3)
+    critical = 2 * E * (2 * rise * H * H) ** 2 / np.sqrt(3 * (1 - 0.3**2))
+    found, result = deflection(held(body, (0, 0, rise * H)), -share * critical)
+    moved = float(result["middle.z"][-1] - result["middle.z"][0]) / H
+    assert moved == pytest.approx(shallow_cap(-share * critical, rise * H), rel=error)
 
 
 def beam_between_walls(pressure, length, duration, modes=4):

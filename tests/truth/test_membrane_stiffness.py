@@ -40,7 +40,7 @@ def square(kind, size=1.0):
 
 
 def plate(mesh, interfaces, nu=0.316, size=1.0, **options):
-    solid = mesh["type"] == "box"
+    solid = isinstance(mesh, dict) and mesh["type"] == "box"
     top, section = "z1" if solid else "surface", {"type": "shell", "thickness": H * size}
     return flexmb.reduce(
         mesh, material={"E": E, "nu": nu, "density": 2700},

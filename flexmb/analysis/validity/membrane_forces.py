@@ -193,7 +193,7 @@ class MembraneForcesMonitor:
         return (
             f"bodies.{one.columns.name}: its membrane forces are those of "
             f"{len(one.whole.shapes)} shapes, for want of others it may be off by about "
-            f"{percent(share)} (t = {self._units.say(t, 's', 4)}: deflection "
+            f"{percent(min(share, 1.0))} (t = {self._units.say(t, 's', 4)}: deflection "
             f"{self._units.say(deflection * length, 'm', 2)}); that is less than 1 % up to a "
             f"deflection of about {self._units.say(small * deflection * length, 'm', 2)}"
         )
