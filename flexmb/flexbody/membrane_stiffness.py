@@ -25,9 +25,7 @@ from flexmb.flexbody.arrays import Checker, FloatArray, IntArray
 
 _STEPS, _ITERATIONS = 8, 30  # of the load; of Newton's method in each of them, at most
 _CONVERGED = 1e-9  # change of the coordinates over these
-# Strain energy of a main shape over the largest, from which on it is one: of flat plates and, where
-# the stress of deformations acts on the products of others, of curved ones, which may snap through.
-_MAIN_SHARE, _MAIN_SHARE_CURVED, _CURVED = 0.3, 0.9, 0.1
+_MAIN_SHARE = 0.03  # strain energy of a main shape over the largest, from which on it is one
 
 
 def shape_pairs(count: int) -> tuple[IntArray, IntArray]:
@@ -102,15 +100,32 @@ class MembraneStiffness:
 
         K (m, m) is the stiffness of the modes.
         """
-        size = np.linalg.inv(self.shapes @ np.linalg.solve(K, self.shapes.T))
-        energy, y = np.diag(size) * (self.shapes @ eta) ** 2, self.products(eta)
-        curved = abs(eta @ self.linear @ y) > _CURVED * (y @ self.quadratic @ y)
-        share = _MAIN_SHARE_CURVED if curved else _MAIN_SHARE
-        keep = np.flatnonzero(energy >= share * energy.max())
+        energy = np.diag(self._stiffness(K)) * (self.shapes @ eta) ** 2
+        keep = np.flatnonzero(energy >= _MAIN_SHARE * energy.max())
         pairs = np.flatnonzero(np.isin(shape_pairs(len(energy)), keep).all(axis=0))
         return MembraneStiffness(
             self.shapes[keep], self.linear[:, pairs], self.quadratic[np.ix_(pairs, pairs)]
         )
+
+    def deformations(self, K: FloatArray) -> FloatArray:
+        """(m, k) deformations of the shapes, whose coordinates are one."""
+        return np.asarray(np.linalg.solve(K, self.shapes.T @ self._stiffness(K)))
+
+    def _stiffness(self, K: FloatArray) -> FloatArray:
+        """(k, k) of the shapes, from that of the modes (m, m)."""
+        return np.linalg.pinv(self.shapes @ np.linalg.solve(K, self.shapes.T), hermitian=True)
+
+    def in_coordinates(self, Z: FloatArray) -> MembraneStiffness:
+        """The same for modal coordinates Z (m, k); then these are the shapes, if they are fewer."""
+        shapes, linear = self.shapes @ Z, Z.T @ self.linear
+        count = Z.shape[1]
+        if count >= len(shapes):
+            return MembraneStiffness(shapes, linear, self.quadratic)
+        first, second = shape_pairs(count)
+        i, j = shape_pairs(len(shapes))
+        both = shapes[i][:, first] * shapes[j][:, second]
+        both += np.where(first == second, 0.0, shapes[i][:, second] * shapes[j][:, first])
+        return MembraneStiffness(np.eye(count), linear @ both, both.T @ self.quadratic @ both)
 
     def products(self, eta: FloatArray) -> FloatArray:
         """(..., k (k + 1)/2) products of the coordinates of shapes, by eta (..., m)."""

@@ -315,9 +315,6 @@ def _combine_modes(body: FlexBody, inside: FloatArray, dropped: FloatArray, plan
 def combine_modes(body: FlexBody, Z: FloatArray) -> FlexBody:
     """The body in the modes Phi Z with Z (m, k); without a list of modes."""
     omitted, membrane = body.omitted_modes, body.membrane_stiffness
-    if membrane is not None:
-        shapes, linear = membrane.shapes @ Z, Z.T @ membrane.linear
-        membrane = replace(membrane, shapes=shapes, linear=linear)
     return replace(
         body,
         p=body.p @ Z,
@@ -332,7 +329,7 @@ def combine_modes(body: FlexBody, Z: FloatArray) -> FlexBody:
             replace(load, modal=load.modal @ Z, points=_combine_points(load.points, Z))
             for load in body.loads
         ),
-        membrane_stiffness=membrane,
+        membrane_stiffness=None if membrane is None else membrane.in_coordinates(Z),
         omitted_modes=None if omitted is None else omitted.in_coordinates(Z),
         **_combine_recovery(body, Z),
     )

@@ -156,7 +156,7 @@ def load_points(model: ModelData, name: str) -> list[int | tuple[float, ...]]:
     """
     points: list[int | tuple[float, ...]] = []
     places = [marker for _, owner, marker in loads_beside_interfaces(model) if owner == name]
-    if getattr(model.bodies[name], "geometric_stiffening", "none") != "none":
+    if getattr(model.bodies[name], "geometric_stiffening", None) == "full":
         places += _sensors_beside_interfaces(model, name)
     for reference in places:
         marker = model.bodies[name].markers[reference.partition(".")[2]]

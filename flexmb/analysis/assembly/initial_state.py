@@ -8,7 +8,7 @@ in the metric of the mass matrix, with modal masses M + b K: bodies are moved an
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import partial
@@ -33,6 +33,7 @@ from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.engine import initial_conditions
 from flexmb.engine.algebra.forms import size_of_form
 from flexmb.engine.allocation import new_state, new_work
+from flexmb.engine.bodies.membrane_forces import membrane_tangents
 from flexmb.engine.bodies.static_modes import STATIC_MODES, static_coordinates
 from flexmb.engine.bodies.velocity_forms import place_of_pairs
 from flexmb.engine.compile import Compiled
@@ -56,6 +57,8 @@ _SOFT_STIFFENING = 1e5  # the same if they do not close with the first
 _MASS_FACTOR = 1e3  # b of the quasi-static solve over 1/ω² of the softest mode
 _MAX_ROUNDS = 40  # of the quasi-static solve
 _DEFORMATION_TOLERANCE = 1e-12  # change of the deformation over the size of the model
+# Change of membranes, over the size of the model, below which steps to equilibrium are combined.
+_SMALL_STEP = 1e-5
 _RANK_TOLERANCE = 1e-10  # relative singular values of previous steps that are round-off
 _NO_STIFFNESS = 1e-12  # stiffness of a mode over the largest one that is none
 _MAX_INTERPRETED = 200  # velocity coordinates up to which plain Python takes half a second
@@ -291,8 +294,10 @@ def _equilibrate(
     distributed by stiffness. √b is much longer than all periods, so that finally η̈ = 0. Loads that
     depend on the deformation, as in a fast rotation, may exceed K η. So the steps are combined by
     Anderson acceleration (J. ACM 12 (1965) 547), which solves linear equations in as many rounds as
-    there are modes.
+    there are modes. With membrane forces K is that of the last round (Newton), and steps are
+    combined once they are small.
     """
+    parts = compiled.system.parts.bodies
     solve = stage_solver(_stiffened(compiled.system, b, rates), state, work)
     bodies = compiled.layout.bodies
     begins = np.array([body.iv for body in bodies])
@@ -300,6 +305,9 @@ def _equilibrate(
     weights = compiled.system.weights[rates]
     before: list[tuple[Array, Array]] = []  # previous deformations and their steps
     for _ in range(_MAX_ROUNDS):
+        if parts["shapes"].any():
+            tangents = membrane_tangents(parts, compiled.bodies, state.q)
+            solve = stage_solver(_stiffened(compiled.system, b, rates, tangents), state, work)
         _solve_accelerations(solve, state)
         eta, step = state.q[modes], b * state.vd[rates]
         change = float(np.abs(step * weights).max(initial=0.0))
@@ -312,7 +320,8 @@ def _equilibrate(
             scaled = weights[:, None] * fall
             shares = np.linalg.lstsq(scaled, weights * step, rcond=_RANK_TOLERANCE)[0]
             state.q[modes] -= (motion + fall) @ shares
-        before.append((eta, step))
+        if change < _SMALL_STEP or not parts["shapes"].any():
+            before.append((eta, step))
         try:
             close()
         except AssemblyError:  # deformed so far that joints stay open or close on a wrong branch
@@ -376,14 +385,22 @@ def _stop_measure(compiled: Compiled, row: np.void, state: State, work: Work) ->
     return float(markers["R"][row["I"]][:, 2] @ h)
 
 
-def _stiffened(system: System, b: float, modes: IntArray | None = None) -> System:
-    """The system with modal masses M + b K, b in s², of all modes or of those with indices in v."""
+def _stiffened(
+    system: System, b: float, modes: IntArray | None = None, more: Mapping[int, Array] | None = None
+) -> System:
+    """The system with modal masses M + b K, b in s², of all modes or of those with indices in v.
+
+    `more` (m, m) by rows of bodies is added to K.
+    """
     pool, added = system.parts.pool.copy(), np.ones(len(system.weights))
     if modes is not None:
         added[:] = 0.0
         added[modes] = 1.0
-    for body in _flexible(system):
+    for row in np.flatnonzero(system.parts.bodies["m"]):
+        body = system.parts.bodies[row]
         mass, stiffness = _modal_blocks(pool, body)
+        if more and row in more:
+            stiffness = stiffness + more[int(row)]
         own = added[body["iv"] + 6 : body["iv"] + 6 + body["m"]]
         mass += b * stiffness * np.outer(own, own)
     kinds = {name: tables for name, tables in system.kinds.items() if name != STATIC_MODES.name}

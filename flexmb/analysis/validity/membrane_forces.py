@@ -9,10 +9,9 @@ its loads, and of interfaces that joints hold; what is left are those within a s
 Bodies that bend as bars between two joints are left to `omitted_stiffening`.
 
 With `membrane_forces = "full"` a run has those of a few shapes. A plate that stretches bends in
-other shapes than the linear one; these few lack some of that. Their error is about the square of
-the share by which the deflection changes without the shapes that the linear one does not need: at
-1.8 and 3 thicknesses 0.4 and 6 % of a clamped circle for 0.9 and 7 %, 2 % of a clamped square at
-2.7 for 2.6 %.
+other shapes than the linear one; the error of these few is about the square of the share by which
+the deflection changes without those that the linear one hardly needs. What a deformation has in
+none of the shapes is not stiffened at all.
 """
 
 from __future__ import annotations
@@ -74,6 +73,29 @@ class _Plate:
         """What of it geometric stiffening has not."""
         return self.whole.beside_geometric_stiffness(self.body.K)
 
+    @cached_property
+    def beside_shapes(self) -> Array:
+        """(m, m) the part of a deformation that is in none of the shapes."""
+        shapes = self.stiffness.deformations(self.body.K)
+        return np.eye(self.columns.m) - shapes @ self.stiffness.shapes
+
+    @cached_property
+    def hardening(self) -> float:
+        """Energy of stretching over that of bending, per square of the displacement over the
+        length, of the shape where it is largest."""
+        shapes = self.stiffness.deformations(self.body.K).T
+        bending = 0.5 * np.einsum("ki,ij,kj->k", shapes, self.body.K, shapes)
+        y = self.stiffness.products(shapes)
+        stretching = 0.5 * np.einsum("ki,ij,kj->k", y, self.stiffness.quadratic, y)
+        return float((stretching / bending / largest_lengths(shapes, self.points) ** 2).max())
+
+    def lacking(self, eta: Array) -> Array:
+        """(t,) what membrane forces would change of the part of eta (t, m) in none of the shapes,
+        over the length, if they hardened it as they do a shape."""
+        moved = largest_lengths(eta @ self.beside_shapes.T, self.points)
+        harder = 2.0 * self.hardening * moved**2
+        return np.asarray(moved * harder / (1.0 + harder))
+
     @property
     def stiffness(self) -> MembraneStiffness:
         """What of it the equations leave out, or have."""
@@ -125,6 +147,8 @@ class MembraneForcesMonitor:
             share = np.abs(one.stiffness.energy(eta)) / linear.clip(np.finfo(float).tiny)
             self._share[k] = max(self._share[k], float((share / (1.0 + share)).max()))
             about = np.minimum(share, 1.0) * deflection
+            if one.has_forces:
+                about = np.maximum(about, one.lacking(eta))
             row = int(about.argmax())
             if about[row] > _GROWTH * self._about[k]:
                 self._about[k] = about[row]
@@ -157,14 +181,18 @@ class MembraneForcesMonitor:
         one = self._plates[k]
         linear = eta + compliance @ one.stiffness.forces(eta)[0]
         balanced = one.stiffness.main_shapes(linear, one.body.K).equilibrium(linear, compliance)
-        if balanced is None:
-            return
-        moved, deflection = largest_lengths(np.array([balanced - eta, eta]), one.points)
-        share = min(float(moved / deflection), 1.0)
-        if share * moved > self._largest[0, k]:
-            small = deflection * min(LARGEST_SENSOR_CHANGE**0.25 / share**0.5, 1.0)
-            self._largest[:, k] = share * moved, t, deflection, small / deflection, 0.0
-            self._change[k, : one.columns.m] = share * (balanced - eta)
+        few = np.zeros_like(eta) if balanced is None else balanced - eta
+        beside = one.beside_shapes @ eta
+        sizes = largest_lengths(np.array([few, beside, eta]), one.points)
+        shares = sizes[:2] / sizes[2]
+        lacking = float(one.lacking(eta[None])[0])
+        factors = min(shares[0], 1.0), lacking / sizes[1] if lacking else 0.0
+        which = int(lacking > shares[0] * factors[0] * sizes[2])
+        error = shares[which] * factors[which]
+        if error * sizes[2] > self._largest[0, k]:
+            small = min((LARGEST_SENSOR_CHANGE / error) ** 0.25, 1.0)
+            self._largest[:, k] = error * sizes[2], t, sizes[2], small, 0.0
+            self._change[k, : one.columns.m] = factors[which] * (few, beside)[which]
 
     def _of_run(self, k: int) -> Iterator[Indicator]:
         """What the membrane forces that the equations have lack, and stress outputs of them."""

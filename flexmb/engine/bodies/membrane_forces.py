@@ -20,7 +20,7 @@ from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import STRAIN_ENERGY, Point, Run
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -50,6 +50,22 @@ def membrane_stiffness_of(body: FlexBody) -> MembraneStiffness | None:
     if stiffness is None or body.centrifugal_stiffness is None:
         return stiffness
     return stiffness.beside_geometric_stiffness(body.K)
+
+
+def membrane_tangents(
+    table: NDArray[np.void], bodies: Mapping[str, FlexBody], q: NDArray[np.float64]
+) -> dict[int, NDArray[np.float64]]:
+    """Stiffness (m, m) that membrane forces add to bodies deformed as in q, by their rows.
+
+    `bodies` are the flexible ones in the order of the table.
+    """
+    tangents, rows = {}, np.flatnonzero(table["m"])
+    for row, body in zip(rows, (one for one in bodies.values() if one.m), strict=True):
+        stiffness = membrane_stiffness_of(body) if table["shapes"][row] else None
+        if stiffness is not None:
+            first = int(table["iq"][row]) + 7
+            tangents[int(row)] = stiffness.forces(q[first : first + body.m])[1]
+    return tangents
 
 
 def membrane_block(stiffness: MembraneStiffness) -> NDArray[np.float64]:

@@ -1,7 +1,8 @@
 """Membrane stiffness of a reduced body, from its finite elements.
 
-The shapes are the lowest modes with the interfaces at rest, and the lowest of the other modes,
-which are orthogonal to these in stiffness. In its surface the body moves to where the energy is
+The shapes are modes with the interfaces at rest: the lowest, and those in the static responses to
+loads, with what is left of these; and the lowest of the other modes, which are orthogonal to these
+in stiffness. In its surface the body moves to where the energy is
 least, by what its modes lack of that motion, while its interfaces move along arcs as they turn.
 """
 
@@ -20,14 +21,13 @@ from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.membrane_stiffness import MembraneStiffness
 from flexmb.progress import Progress, silent
 
-# Shapes of each sort. With six, a clamped square is within 1 % up to 1.5 times its thickness.
-_MAX_SHAPES = 6
-# Energy of the static response to a load that the lowest shapes lack, over the whole, from which on
-# it is a shape too.
+# Lowest modes that are shapes: of those that leave interfaces at rest, and of the others. Of the
+# former as many more as the second number that have a part in responses to loads.
+_LOWEST, _LOWEST_OF_OTHERS, _OF_RESPONSES = 3, 6, 5
+# Least strain energy of that part, and of what is left of a response, over the whole response.
 _LEAST_ENERGY = 1e-6
-_BENDING = (
-    25.0  # square of a rate over that of the fastest of the lowest shapes, up to which it bends
-)
+# Square of the rate of a response over that of the tenth mode, up to which it bends the body.
+_BENDING, _TENTH = 10.0, 10
 _BAR = 0.01  # ratio of second moments of mass across and along, up to which a body is a bar
 
 
@@ -54,9 +54,9 @@ def with_membrane_stiffness(
     if basis.fixed_response is None or not body.m or not _is_plate(body, fe):
         return body
     progress("membrane", 0.0)
-    at_rest = _modes_at_rest(body)
-    own = _with_responses(body, at_rest, _lowest(body, at_rest))
-    shapes = np.hstack([own, _lowest(body, _other_modes(body, at_rest))])
+    at_rest, rigid = _modes_at_rest(body)
+    others, _ = _modes_of(body, _other_modes(body, at_rest))
+    shapes = np.hstack([_shapes_at_rest(body, at_rest, rigid), others[:, :_LOWEST_OF_OTHERS]])
     turns = [end.Phi_r @ shapes for end in body.interfaces]
     F, V = second_order_loads(fe, elastic.Phi @ shapes, basis.interfaces, turns)
     C = elastic.Phi.T @ F
@@ -75,8 +75,11 @@ def _is_plate(body: FlexBody, fe: FEMatrices) -> bool:
     return bool(wide > _BAR * long) and has_second_order_strains(fe)
 
 
-def _modes_at_rest(body: FlexBody) -> FloatArray:
-    """(m, j) combinations of modes that with a rigid motion leave all interfaces at rest."""
+def _modes_at_rest(body: FlexBody) -> tuple[FloatArray, FloatArray]:
+    """(m, j) combinations of modes that with a rigid motion leave all interfaces at rest.
+
+    And that motion (6, j): translation of the centre of mass [m], rotation [rad].
+    """
     length, rows = body.characteristic_length, []
     for end in body.interfaces:  # rotations as displacements at that length
         arm = (end.position - body.center) / length
@@ -84,7 +87,9 @@ def _modes_at_rest(body: FlexBody) -> FloatArray:
         rows.append(np.hstack([length * end.Phi_r, np.zeros((3, 3)), np.eye(3)]))
     A, scale = np.vstack(rows), np.ones(body.m + 6)
     scale[: body.m] = np.abs(A[:, : body.m]).max() or 1.0
-    return np.asarray((null_space(A / scale) / scale[:, None])[: body.m])
+    motions = null_space(A / scale) / scale[:, None]
+    motions[body.m + 3 :] /= length
+    return motions[: body.m], motions[body.m :]
 
 
 def _other_modes(body: FlexBody, at_rest: FloatArray) -> FloatArray:
@@ -93,33 +98,47 @@ def _other_modes(body: FlexBody, at_rest: FloatArray) -> FloatArray:
     return np.asarray(null_space((body.K @ at_rest / size[:, None]).T) / size[:, None])
 
 
-def _with_responses(body: FlexBody, space: FloatArray, shapes: FloatArray) -> FloatArray:
-    """(m, l) shapes (m, k) in `space` (m, j), and what they lack of its responses to loads.
+def _shapes_at_rest(body: FlexBody, space: FloatArray, rigid: FloatArray) -> FloatArray:
+    """(m, k) shapes in `space` (m, j): lowest modes, those in responses to loads, and their rest.
 
-    These are the static responses to the loads of the body and to its uniform acceleration, if
-    they bend it: their rate is not much above those of the shapes.
+    The responses are static ones to the loads of the body and to its uniform acceleration, if they
+    bend it. `rigid` (6, j) is the motion of the body frame with which the interfaces are at rest;
+    loads do work on it too.
     """
-    if not space.shape[1]:
-        return shapes
+    modes, squares = _modes_of(body, space)
+    if not len(squares):
+        return modes
+    works = [
+        space.T @ one.modal
+        + rigid.T @ np.concatenate([one.force, one.moment - np.cross(body.center, one.force)])
+        for one in body.loads
+    ]
+    weight = space.T @ body.p.T + body.mass * rigid[:3].T
     stiffness, inertia = space.T @ body.K @ space, body.M_eta
-    fastest = max(x @ body.K @ x / (x @ inertia @ x) for x in shapes.T)
-    for loads in [one.modal[None] for one in body.loads] + [body.p]:
-        responses = space @ np.linalg.solve(stiffness, space.T @ loads.T)
-        least = _LEAST_ENERGY * np.einsum("ik,ij,jk->k", responses, body.K, responses).max()
-        for response in responses.T:
-            rest = response.copy()
-            for _ in range(2):  # without the shapes, twice for round-off
-                inside = shapes.T @ body.K @ rest
-                rest -= shapes @ np.linalg.solve(shapes.T @ body.K @ shapes, inside)
-            energy, mass = (rest @ matrix @ rest for matrix in (body.K, inertia))
-            if energy > least and energy < _BENDING * fastest * mass:
-                shapes = np.column_stack([shapes, rest / np.sqrt(mass)])
+    responses = space @ np.linalg.solve(stiffness, np.column_stack([*works, weight]))
+    energy, mass = (
+        np.einsum("ik,ij,jk->k", responses, matrix, responses) for matrix in (body.K, inertia)
+    )
+    fastest = _BENDING * squares[:_TENTH][-1]
+    responses = responses[:, (energy > 0.0) & (energy < fastest * mass)]
+    responses = responses / np.sqrt(np.einsum("ik,ij,jk->k", responses, body.K, responses))
+    parts = ((modes.T @ body.K @ responses) ** 2 / squares[:, None]).max(axis=1, initial=0.0)
+    parts[:_LOWEST] = np.inf
+    chosen = np.argsort(-parts, kind="stable")[: _LOWEST + _OF_RESPONSES]
+    shapes = modes[:, np.sort(chosen[parts[chosen] > _LEAST_ENERGY])]
+    for response in responses.T:
+        rest = response.copy()
+        for _ in range(2):  # without the shapes, twice for round-off
+            inside = shapes.T @ body.K @ rest
+            rest -= shapes @ np.linalg.solve(shapes.T @ body.K @ shapes, inside)
+        if rest @ body.K @ rest > _LEAST_ENERGY:
+            shapes = np.column_stack([shapes, rest / np.sqrt(rest @ inertia @ rest)])
     return shapes
 
 
-def _lowest(body: FlexBody, space: FloatArray) -> FloatArray:
-    """(m, k) lowest modes among the combinations `space` (m, j)."""
+def _modes_of(body: FlexBody, space: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(m, j) modes among the combinations `space` (m, j), and their squared rates (j,)."""
     if not space.shape[1]:
-        return space
-    values = eigh(space.T @ body.K @ space, space.T @ body.M_eta @ space)
-    return np.asarray(space @ values[1][:, :_MAX_SHAPES])
+        return space, np.zeros(0)
+    squares, shapes = eigh(space.T @ body.K @ space, space.T @ body.M_eta @ space)
+    return np.asarray(space @ shapes), squares
