@@ -41,6 +41,7 @@ from flexmb.analysis.singular_poses import (
 from flexmb.analysis.validity.linear_elasticity import LinearElasticityMonitor, flexible_columns
 from flexmb.engine import method
 from flexmb.engine.allocation import new_path, new_run, new_state, new_work
+from flexmb.engine.bodies.membrane_forces import membrane_stiffness_of
 from flexmb.engine.compile import Compiled
 from flexmb.engine.compiled_calls import analyse_kinematics, kinematics_units, stage_solver
 from flexmb.engine.initial_conditions import RESIDUAL
@@ -48,6 +49,7 @@ from flexmb.engine.kinematics_loop import CORRECT, EVALUATE, POINTS
 from flexmb.engine.kinematics_point import KinematicsSettings
 from flexmb.engine.state import State
 from flexmb.errors import AssemblyError, Problem, SceneError
+from flexmb.model.flexible_body import stretches
 from flexmb.model.model import Model
 from flexmb.progress import Progress, silent
 from flexmb.results.output_block import OutputBlock
@@ -226,12 +228,16 @@ def _check_motion(pose: KinematicPose) -> tuple[int, tuple[str, ...], list[str]]
 class _StaticDeflection:
     """Static deflection of flexible bodies by the forces that keep them undeformed.
 
-    The forces are the residual r of the modal rows, with inertia, loads and reactions: η = −K⁻¹ r.
+    The forces are the residual r of the modal rows, with inertia, loads and reactions: η = −K⁻¹ r,
+    less what membrane forces take of it.
     """
 
     def __init__(self, pose: KinematicPose) -> None:
         compiled, self._units = pose.compiled, pose.model.units
-        self._bodies = [(columns, body.K) for columns, body in flexible_columns(compiled)]
+        self._bodies = [
+            (columns, body, stretches(pose.model.bodies[columns.name]))
+            for columns, body in flexible_columns(compiled)
+        ]
         self._monitor = LinearElasticityMonitor(compiled, pose.model, pose.state.q)
         self._state = new_state(compiled.system, len(compiled.layout.channels))
         self._work = new_work(compiled.system, len(compiled.layout.channels))
@@ -248,9 +254,15 @@ class _StaticDeflection:
             for name in ("q", "v", "vd", "lam"):
                 getattr(self._state, name)[:] = getattr(rows, name)[k]
             self._solve(RESIDUAL)
-            for body, K in self._bodies:
-                r = self._work.trial.res[body.iv + 6 : body.iv + 6 + body.m]
-                q[k, body.iq + 7 : body.iq + 7 + body.m] = -np.linalg.solve(K, r)
+            for columns, body, has_membrane_forces in self._bodies:
+                first, place = columns.iv + 6, columns.iq + 7
+                C = np.asarray(np.linalg.inv(body.K), float)
+                eta = -C @ self._work.trial.res[first : first + body.m]
+                membrane = membrane_stiffness_of(body) if has_membrane_forces else None
+                if membrane is not None and eta.any():
+                    balanced = membrane.equilibrium(eta, C)
+                    eta = eta if balanced is None else balanced
+                q[k, place : place + body.m] = eta
         self._monitor.add(replace(rows, q=q))
 
     def notes(self) -> list[str]:

@@ -228,3 +228,26 @@ def test_auto_has_them_where_they_matter(load, tmp_path):
     assert any("membrane forces" in note and "effects" in note for note in found.notes)
     (row,) = [one for one in flexmb.audit(found).effects if one.effect == "membrane forces"]
     assert row.on and row.verdict == "needed"
+
+
+@pytest.mark.parametrize("linear", [1.0, 20.0])
+def test_a_start_in_equilibrium_has_them(disk, linear):
+    """And so a run from there stays at rest, and its frequency is that of the stretched plate."""
+    pressure = linear * E * (16 / 3) / (1 - 0.3**2) * H**4
+    model = held(disk, (0, 0, 0))
+    model.set_validity(deflection="any")
+    model.add_force("wind", "body-load", body="plate", load="wind", value=pressure)
+    model.set_dynamics(duration=0.01, outputs=10, accuracy=1e-3, start="quasi-static")
+    found = flexmb.simulate(model)["middle.z"] / H
+    assert np.abs(found) == pytest.approx(circle(pressure, 0.3), rel=8e-3)
+    rate = flexmb.linearize(model).frequencies[0]
+    at_rest = 10.2158 * np.sqrt(E * H**2 / (12 * 2700 * (1 - 0.3**2))) / (2 * np.pi)
+    assert rate > (1.3 if linear == 1.0 else 2.0) * at_rest
+
+
+def test_a_file_that_was_reduced_in_space_stretches_in_a_plane_too():
+    body = plate(STRIP, {"a": "x0", "b": "x1"}, nu=0.0)
+    made = held(body)
+    made.plane = "zx"
+    found, _ = deflection(made, 20 * E * H**4)
+    assert found == pytest.approx(tense_strip(20 * E * H**4, 1.0, H)[0], rel=0.01)

@@ -286,7 +286,7 @@ def loads_without_stiffening(compiled: Compiled, model: Model) -> Iterator[str]:
         if beside:
             yield (
                 f"{_some(loads)}: {whose} not stiffen bodies.{name}, because {_some(markers)} "
-                f"{what} of it; make {cure}"
+                f"{what} of it; make {cure}, or reduce the body with its load_points"
             )
 
 

@@ -29,6 +29,7 @@ from flexmb.analysis.validity.omitted_stiffening import OmittedStiffeningMonitor
 from flexmb.analysis.validity.omitted_vibrations import OmittedVibrationMonitor, VibrationResponse
 from flexmb.engine.compile import Compiled
 from flexmb.engine.state import State
+from flexmb.model.flexible_body import stretches
 from flexmb.model.model import Model
 from flexmb.model.scenes.dynamics import ValiditySpec
 from flexmb.results.output_block import OutputBlock
@@ -66,6 +67,7 @@ class ValidityMonitor:
         self._load_factor = LoadFactorMonitor(compiled, model, q, is_motion)
         self._inertia = _inertia_monitor(compiled, model, q)
         self._monitors: tuple[Monitor, ...] = ()  # all of them are of flexible bodies
+        linear = not any(map(stretches, model.bodies.values()))  # else frequencies change
         if is_judged and compiled.system.parts.bodies["m"].any():
             bars = OmittedStiffeningMonitor(compiled, model, q, self._load_factor, is_motion)
             self._monitors = (
@@ -76,7 +78,7 @@ class ValidityMonitor:
                 *((self._inertia,) if self._inertia else ()),
                 self._basis,
                 *((OmittedVibrationMonitor(compiled, model, q),) if is_motion else ()),
-                *((FrequencyErrorMonitor(compiled, model),) if is_motion else ()),
+                *((FrequencyErrorMonitor(compiled, model),) if is_motion and linear else ()),
             )
         self._notes = (
             *loads_without_stiffening(compiled, model),

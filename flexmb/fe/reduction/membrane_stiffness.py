@@ -26,6 +26,7 @@ from flexmb.progress import Progress, silent
 _LOWEST, _LOWEST_OF_OTHERS, _OF_RESPONSES = 3, 6, 5
 # Least strain energy of that part, and of what is left of a response, over the whole response.
 _LEAST_ENERGY = 1e-6
+_NO_WORK = 1e-12  # energy of a response over the largest that the load could have, of round-off
 # Square of the rate of a response over that of the tenth mode, up to which it bends the body.
 _BENDING, _TENTH = 10.0, 10
 _BAR = 0.01  # ratio of second moments of mass across and along, up to which a body is a bar
@@ -108,31 +109,31 @@ def _shapes_at_rest(body: FlexBody, space: FloatArray, rigid: FloatArray) -> Flo
     modes, squares = _modes_of(body, space)
     if not len(squares):
         return modes
-    works = [
-        space.T @ one.modal
-        + rigid.T @ np.concatenate([one.force, one.moment - np.cross(body.center, one.force)])
-        for one in body.loads
+    moved = rigid @ np.linalg.lstsq(space, modes, rcond=None)[0]
+    loads = [
+        (one.modal, one.force, one.moment - np.cross(body.center, one.force)) for one in body.loads
     ]
-    weight = space.T @ body.p.T + body.mass * rigid[:3].T
-    stiffness, inertia = space.T @ body.K @ space, body.M_eta
-    responses = space @ np.linalg.solve(stiffness, np.column_stack([*works, weight]))
-    energy, mass = (
-        np.einsum("ik,ij,jk->k", responses, matrix, responses) for matrix in (body.K, inertia)
-    )
-    fastest = _BENDING * squares[:_TENTH][-1]
-    responses = responses[:, (energy > 0.0) & (energy < fastest * mass)]
-    responses = responses / np.sqrt(np.einsum("ik,ij,jk->k", responses, body.K, responses))
-    parts = ((modes.T @ body.K @ responses) ** 2 / squares[:, None]).max(axis=1, initial=0.0)
+    loads += [(p, body.mass * axis, np.zeros(3)) for p, axis in zip(body.p, np.eye(3), strict=True)]
+    fastest, parts, responses = _BENDING * squares[:_TENTH][-1], np.zeros(len(squares)), []
+    for f, F, M in loads:
+        work = modes.T @ f + moved.T @ np.concatenate([F, M])
+        most = np.abs(modes.T @ f) + np.linalg.norm(F) * np.linalg.norm(moved[:3], axis=0)
+        most += np.linalg.norm(M) * np.linalg.norm(moved[3:], axis=0)
+        energy, part = work**2 / squares, work / squares
+        bends = energy.sum() < fastest * (part @ part)
+        if bends and energy.sum() > _NO_WORK * (most**2 / squares).sum():
+            parts = np.maximum(parts, energy / energy.sum())
+            responses.append(modes @ part / np.sqrt(energy.sum()))
     parts[:_LOWEST] = np.inf
-    chosen = np.argsort(-parts, kind="stable")[: _LOWEST + _OF_RESPONSES]
-    shapes = modes[:, np.sort(chosen[parts[chosen] > _LEAST_ENERGY])]
-    for response in responses.T:
+    order = np.argsort(-parts, kind="stable")[: _LOWEST + _OF_RESPONSES]
+    shapes = modes[:, np.sort(order[parts[order] > _LEAST_ENERGY])]
+    for response in responses:
         rest = response.copy()
         for _ in range(2):  # without the shapes, twice for round-off
             inside = shapes.T @ body.K @ rest
             rest -= shapes @ np.linalg.solve(shapes.T @ body.K @ shapes, inside)
         if rest @ body.K @ rest > _LEAST_ENERGY:
-            shapes = np.column_stack([shapes, rest / np.sqrt(rest @ inertia @ rest)])
+            shapes = np.column_stack([shapes, rest / np.sqrt(rest @ body.M_eta @ rest)])
     return shapes
 
 

@@ -189,7 +189,7 @@ def check_options(
     return requested, ratios
 
 
-_METHOD = 13  # version of the method: raise it whenever the same input gives another body
+_METHOD = 14  # version of the method: raise it whenever the same input gives another body
 _DEFAULTS: dict[str, Any] = {
     "reduction": "craig-bampton",
     "mass_matrix": "consistent",
@@ -236,8 +236,6 @@ def reduction_key(
     }
     if options.get("loads"):
         content["load points"] = 1  # bodies store load responses since this entry exists
-    if options.get("geometric_stiffening", "none") != "none":
-        content["loaded nodes"] = 1  # bodies store their bend since this entry exists
     options["stress"] = stress_option(options.get("stress", True))
     # the modes are the same; a body whose file lacks some of them is reduced again
     options.pop("load_points", None)

@@ -18,6 +18,7 @@ from flexmb.model.forces.contact import ContactSpec
 from flexmb.model.forces.force_characteristic import AnyStop
 from flexmb.model.forces.friction import JointFrictionSpec
 from flexmb.model.lookup import ModelData
+from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.quantities import Quantity
 from flexmb.model.reading import Spec
 from flexmb.model.sensor import ReactionSensorSpec
@@ -109,9 +110,10 @@ def effect_problems(model: ModelData) -> Iterator[Problem]:
             what = "quasi-static modes follow their loads by a constant stiffness, which membrane "
             what += 'forces change: make all modes "dynamic", or leave out membrane_forces'
             yield Problem(f"bodies.{name}.deformation", what)
-        if stretches(body) and model.plane is not None:
-            what = "bodies of a planar scene stay in its plane, and do not stretch as they bend: "
-            yield Problem(f"bodies.{name}.membrane_forces", what + "leave it out")
+        if stretches(body) and model.plane is not None and isinstance(body, MeshBodySpec):
+            what = "a mesh of a planar scene is reduced in its plane, without the data for them: "
+            what += "give the file of a body that was reduced in space"
+            yield Problem(f"bodies.{name}.membrane_forces", what)
         elif stretches(body) and not getattr(body, "interfaces", True):
             what = "a body without interfaces has no data for them: give it one"
             yield Problem(f"bodies.{name}.membrane_forces", what)

@@ -181,7 +181,7 @@ def test_a_load_of_a_mesh_that_is_not_reduced_yet_is_no_mistake(tmp_path: Path) 
     assert result.exit_code != 0 and "nearest: wind" in result.output
 
 
-def test_membrane_forces_in_a_plane_are_told_before_anything_is_reduced(tmp_path: Path) -> None:
+def test_membrane_forces_of_a_mesh_in_a_plane_are_told_before_it_is_reduced(tmp_path: Path) -> None:
     scene = tmp_path / "scene.toml"
     wanted = DIAPHRAGM.replace("[bodies.plate]", '[bodies.plate]\nmembrane_forces = "full"')
     scene.write_text('plane = "xy"\n' + wanted)
