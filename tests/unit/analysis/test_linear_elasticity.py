@@ -165,7 +165,8 @@ def test_many_forces_beside_the_interfaces_are_told_in_one_sentence():
     (sentence,) = loads_without_stiffening(compile_system(model), model)
     assert sentence == (
         "forces.w2, forces.w3, forces.w4 and 4 more: their forces do not stiffen bodies.beam, "
-        "because beam.p2, beam.p3, beam.p4 and 4 more are no interfaces of it; make them interfaces"
+        "because beam.p2, beam.p3, beam.p4 and 4 more are no interfaces of it; make them "
+        "interfaces, or reduce the body with its load_points"
     )
 
 
