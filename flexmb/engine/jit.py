@@ -219,6 +219,7 @@ def array_of(dtype: Any, ndim: int = 1) -> Any:
 Vector = array_of("f8")
 Complexes = array_of("c16")
 Matrix = array_of("f8", 2)
+Matrices = array_of("f8", 3)
 Integers = array_of("i8")
 Units = Annotated[tuple, _UnitTable]
 Records = Annotated[tuple, _RecordTable]

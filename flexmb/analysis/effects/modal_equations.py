@@ -7,7 +7,13 @@ about its equilibrium with the loads and the accelerations of slow modes. This e
 with the coefficients; averaged ones would make it jump and excite the mode. So the deviation from
 it is carried over from row to row (adiabatic motion).
 
-Source: Hochbruck & Ostermann, Acta Numerica 19 (2010) 209, on exponential integrators.
+The exponential of a matrix times a vector is a Chebyshev series in the matrix, for frequencies
+within a radius: about as many products as there are radians in the step, and some thirty more. A
+series with terms that grow would lose digits: the radius is too small, or damping is strong. Then
+the radius is increased, and in the end the exponential of the whole matrix is computed.
+
+Sources: Hochbruck & Ostermann, Acta Numerica 19 (2010) 209, on exponential integrators; Tal-Ezer &
+Kosloff, J. Chem. Phys. 81 (1984) 3967, on the series.
 """
 
 from __future__ import annotations
@@ -19,12 +25,19 @@ from flexmb.analysis.effects.independent_coordinates import IndependentMotions
 from flexmb.analysis.effects.smooth_pieces import SmoothPieces
 from flexmb.analysis.effects.stored_motion import blocks
 from flexmb.analysis.effects.variational_equations import times
+from flexmb.engine.algebra.vector import put_exponential
+from flexmb.engine.compiled_units import bind, interpreted
 from flexmb.flexbody.arrays import Array
 
 UNRESOLVED = 1.0
 """Phase of a vibration between two rows above which they do not resolve it [rad]."""
 _ROUNDS = 2  # iterations for the slow motion of unresolved vibrations
 _UNBOUNDED = 1e12  # small motion over the size of the model at which the integration ends
+_GROWTH = 1e4  # largest term of a series over the vector: so many times round-off is lost
+_WIDER = 1.25  # factor between radii
+_MOST_WIDENINGS = 4
+_MOST_RADIANS = 1000.0  # phase of a step above which the whole matrix costs less
+_FAILURES = 10  # successive steps without a series after which none is tried
 
 
 class ModalEquations:
@@ -88,26 +101,25 @@ class ModalEquations:
         jumps: Array,
     ) -> int:  # fmt: skip
         """Integrate x = (η, η̇/ω) from its first row on, in place; number of bounded rows."""
-        from scipy.linalg import expm
-
         (n, u), t, (leave, arrive), quick = load.shape, self._pieces.t, carried, self.quick
         lead = np.append(~np.tile(quick, 2), True)
+        steps = ExponentialSteps(t, A, _loads(inverse, load, self.omega), self.omega, quick)
         for k in range(n - 1):
-            h = t[k + 1] - t[k]
-            step = np.zeros((2 * u + 2, 2 * u + 2))
-            step[: 2 * u, : 2 * u] = h * A[k]
-            step[u : 2 * u, 2 * u] = h * (inverse[k] @ load[k]) / self.omega
-            step[u : 2 * u, 2 * u + 1] = h * (inverse[k] @ (load[k + 1] - load[k])) / self.omega
-            step[2 * u + 1, 2 * u] = 1.0
             now = np.append(x[k], (1.0, 0.0))
             now[:u][quick] += leave[k] @ now[:-1][lead]
-            now = expm(step) @ now
+            now = steps.take(k, now)
             now[:u][quick] += arrive[k] @ now[:-1][lead]
             x[k + 1] = now[: 2 * u] - jumps[k + 1]
             if not np.abs(self.T @ x[k + 1, :u]).max(initial=0.0) < _UNBOUNDED:
                 x[k + 1 :] = 0.0
                 return k + 1
         return len(x)
+
+
+def _loads(inverse: Array, load: Array, omega: Array) -> Array:
+    """M⁻¹ f/ω (n - 1, 2, d) at the beginning of each interval, and its change until the end."""
+    both = np.stack([load[:-1], np.diff(load, axis=0)], axis=1)
+    return np.asarray(both @ inverse.transpose(0, 2, 1) / omega)
 
 
 def _equilibria(
@@ -145,3 +157,76 @@ def _first_order(
         A[part, d:, :d] = own @ K[part][:, :, of]
         A[part, d:, d:] = own @ D[part][:, :, of] * w
     return A, inverse
+
+
+class ExponentialSteps:
+    """Steps of ẋ = A x + (0, f), x = (η, η̇/ω), from one row to the next.
+
+    Parameters
+    ----------
+    t : (n,) array
+        Times of the rows.
+    A : (n - 1, 2 d, 2 d) array
+        Coefficients of each step.
+    loads : (n - 1, 2, d) array
+        f at the beginning of each step, and its change until the end.
+    omega : (d,) array
+        Frequencies ω.
+    plain : (d,) array of bool
+        The η whose rate is ω times their η̇/ω and nothing else.
+    """
+
+    def __init__(
+        self, t: Array, A: Array, loads: Array, omega: Array, plain: NDArray[np.bool_]
+    ) -> None:
+        self._h, self._A, self._loads, d = np.diff(t), A, loads, len(omega)
+        h = float(self._h.max())
+        push = float(np.abs(loads * omega).max(initial=0.0)) * h**2
+        phases = np.append(np.maximum(omega * h, 1.0), omega * h)
+        weights = np.append(phases, np.maximum([push, push], np.finfo(float).tiny))
+        radii = np.max(omega * h, initial=1.0) * _WIDER ** np.arange(1, _MOST_WIDENINGS + 1)
+        self._radii = radii[(radii < _MOST_RADIANS) & (not interpreted())]
+        coefficients = _coefficients(self._radii)
+        self._terms = [int(np.flatnonzero(row)[-1]) + 1 for row in coefficients]
+        self._wide, self._failed = 0, 0
+        self._x, work = np.zeros(2 * d + 2), np.zeros((4, 2 * d + 2))
+        self._step = bind(
+            put_exponential, np.ascontiguousarray(A), np.ascontiguousarray(loads), omega,
+            plain.astype(np.int64), weights, coefficients, self._x, work,
+        )  # fmt: skip
+
+    def take(self, k: int, x: Array) -> Array:
+        """(η, η̇/ω, 1, 1) at the end of step k from (η, η̇/ω, 1, 0) at its beginning."""
+        h = float(self._h[k])
+        self._x[:] = x
+        while self._wide < len(self._radii) and self._failed < _FAILURES:
+            series = self._terms[self._wide], h, float(self._radii[self._wide])
+            if self._step(_GROWTH, k, self._wide, *series) < _GROWTH:
+                self._failed = 0
+                return self._x.copy()
+            self._wide += 1
+        if self._wide == len(self._radii):  # the coefficients of the next step may be others
+            self._wide, self._failed = 0, self._failed + 1
+        return self._whole(k, x)
+
+    def _whole(self, k: int, x: Array) -> Array:
+        """The same by the exponential of the matrix."""
+        from scipy.linalg import expm
+
+        n, h = len(x) - 2, self._h[k]
+        step = np.zeros((n + 2, n + 2))
+        step[:n, :n] = h * self._A[k]
+        step[n // 2 : n, n:] = h * self._loads[k].T
+        step[n + 1, n] = 1.0
+        return np.asarray(expm(step) @ x)
+
+
+def _coefficients(radii: Array) -> Array:
+    """Of the Chebyshev series of exp(i r z) for each radius r, without those below round-off."""
+    from scipy.special import jv
+
+    most = int(1.5 * radii.max(initial=1.0) + 60.0)
+    made = 2.0 * jv(np.arange(most), radii[:, None])
+    made[:, 0] *= 0.5
+    tail = np.abs(made[:, ::-1]).cumsum(axis=1)[:, ::-1]
+    return np.ascontiguousarray(np.where(tail > 0.01 * np.finfo(float).eps / _GROWTH, made, 0.0))

@@ -174,7 +174,10 @@ def _closure(
     frames, constraints = WeightedCoordinates(compiled, motion), ConstraintRows(compiled)
     Cq = frames.turned(np.array([constraints.evaluate(q).Cq.copy() for q in motion.q]))
     there = replace(of, frames=frames, Cq=of.rows @ Cq)
-    closing = there.closure((motion.t[-1] - motion.t[0]) ** 2 * elastic)
+    try:
+        closing = there.closure((motion.t[-1] - motion.t[0]) ** 2 * elastic)
+    except np.linalg.LinAlgError:  # so far away rows of Cq are alike to round-off
+        return None
     closed, gaps = np.zeros(Cq.shape[::2]), np.zeros((_CLOSINGS + 1, len(Cq)))
     for gap in gaps:
         q = displaced(compiled.layout, motion, frames.to_motions(closed), none, none)[0]

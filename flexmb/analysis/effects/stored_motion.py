@@ -251,8 +251,15 @@ class WeightedCoordinates:
 
     def congruence(self, X: Array, rows: slice = slice(None)) -> Array:
         """Sᵀ X S of matrices (n, nv, nv) of these rows."""
-        half = self.turned(X, rows).transpose(0, 2, 1)
-        return self.turned(half, rows).transpose(0, 2, 1)
+        Y = np.array(X, order="C")
+        for body, A in zip(self.compiled.layout.bodies, self._axes, strict=True):
+            own = slice(body.iv, body.iv + 3)
+            Y[:, own] = A[rows].transpose(0, 2, 1) @ Y[:, own]
+            Y[:, :, own] = Y[:, :, own] @ A[rows]
+        if len(self.used) < Y.shape[1]:
+            Y = Y[:, self.used][:, :, self.used]
+        Y *= np.outer(*2 * [self.inverse[self.used]])
+        return Y
 
     def spin(self, rows: slice = slice(None)) -> tuple[Array, Array]:
         """Ω of δv = δq̇ + Ω δq and Ω of δv̇ = d δv/dt + Ω δv, (n, used, used) of these rows."""

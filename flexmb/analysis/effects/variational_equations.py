@@ -123,7 +123,8 @@ def linearise(compiled: Compiled, motion: Motion, balance: Array) -> Variational
         M[part] = frames.congruence(mass, part)
         D[part], K[part] = (frames.congruence(X, part) for X in others[:2])
         Omega[part], shift = frames.spin(part)
-        D[part] += M[part] @ shift
+        for at in frames.vectors()[::2]:  # of translations: all others have none
+            D[part][:, :, at] += M[part][:, :, at] @ shift[:, at[:, None], at]
         Cq[part] = frames.turned(others[2], part)
         if np.any(loads := others[3].transpose(0, 2, 1) - others[2]):
             friction[part] = frames.turned(loads, part)

@@ -16,6 +16,7 @@ from flexmb.analysis.effects.contribution import (
 )
 from flexmb.analysis.effects.perturbation import respond
 from flexmb.analysis.effects.stored_motion import Motion
+from flexmb.analysis.effects.variational_equations import VariationalEquations
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
 from flexmb.units import unit_system
@@ -91,6 +92,26 @@ def test_a_change_of_velocity_goes_straight_on_whatever_turns_below_it() -> None
     change = np.array([1e-3, 2e-3, -3e-3, 0.0, 0.0, 0.0])
     found = respond(compiled, motion, np.zeros_like(v), (np.zeros(6), change, np.zeros(6))).dq
     np.testing.assert_allclose(found[:, :3], np.outer(t, change[:3]), atol=1e-7)
+
+
+def test_joints_that_cannot_be_closed_leave_the_linear_motion(monkeypatch) -> None:
+    """Far from any pose rows of a Jacobian are alike to round-off: no closure, and no traceback."""
+    model = Model("slide")
+    model.add_body("block", mass=2.0, inertia=[1.0] * 3)
+    model.add_joint("guide", "prismatic", between=["ground", "block"], axis="y")
+    compiled, t = compile_system(model), np.linspace(0.0, 2.0, 41)
+    q, v = np.zeros((41, 7)), np.zeros((41, 6))
+    q[:, 3] = 1.0
+    motion = Motion(t, q, v, v, np.zeros((41, compiled.layout.nc)), np.zeros((41, 0)))
+    change = np.array([0.0, 0.3, 0.0, 0.0, 0.0, 0.0])
+
+    def alike(*_):
+        raise np.linalg.LinAlgError
+
+    monkeypatch.setattr(VariationalEquations, "closure", alike)
+    found = respond(compiled, motion, v, (0.0 * change, change, 0.0 * change))
+    assert found.bounded == 41
+    np.testing.assert_allclose(found.dq[:, 1], 0.3 * t, atol=1e-9)
 
 
 def test_the_first_change_is_how_far_another_model_begins_from_the_motion() -> None:
