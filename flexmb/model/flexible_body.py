@@ -179,7 +179,12 @@ class FlexibleBodySpec(BodySpec):
             what = "the body has no data for it: reduce its mesh with geometric_stiffening = "
             what += '"full" (flexmb reduce --geometric-stiffening full)'
             problems.append(Problem("geometric_stiffening", what))
-        if self.membrane_forces == "full" and body.m and body.membrane_stiffness is None:
+        stretching = body.membrane_stiffness
+        if (
+            self.membrane_forces == "full"
+            and body.m
+            and not (stretching and len(stretching.shapes))
+        ):
             what = "the body has no data for them: plates, shells and solids of such shapes have, "
             what += "with interfaces, in space, reduced from a mesh"
             problems.append(Problem("membrane_forces", what))

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_bvp, solve_ivp
+from scipy.integrate import solve_ivp
 
 import flexmb
 from flexmb.errors import SceneError
@@ -60,7 +59,7 @@ def test_a_clamped_circle_stretches_as_it_bends(disk, linear, error):
     model = held(disk, (0, 0, 0))
     model.set_validity(deflection="any")
     found, result = deflection(model, pressure)
-    assert found / H == pytest.approx(circle(pressure, 0.3), rel=error)
+    assert found / H == pytest.approx(abs(circle(pressure, 0.3)), rel=error)
     assert not [note for note in result.notes if "for want of others" in note]
     assert any("lack the stress of its membrane forces" in note for note in result.notes)
 
@@ -108,28 +107,6 @@ def test_a_strip_between_walls(size, place, stiffening):
     assert found == pytest.approx(tense_strip(pressure, size, H * size)[0], rel=0.01)
 
 
-def shallow_cap(pressure, rise, nu=0.3):
-    """Middle of a clamped shallow cap over the thickness, pushed upwards; Marguerre's equations."""
-    D, C = E * H**3 / (12 * (1 - nu**2)), E * H / (1 - nu**2)
-
-    def rates(r, y, load):
-        u, force, _, slope, bent = y
-        hoop, first = nu * force + (1 - nu**2) * C * u / r, -2 * rise * r
-        stretch = force / C - nu * u / r - 0.5 * slope**2 - slope * first
-        third = force * (slope + first) / D + 0.5 * load * r / D - bent / r + slope / r**2
-        return np.array([stretch, (hoop - force) / r, slope, bent, third])
-
-    r, y = np.linspace(1e-4, 1, 200), np.zeros((5, 200))
-    for load in np.linspace(0, pressure, 6)[1:]:
-        found = solve_bvp(
-            partial(rates, load=load), lambda a, b: np.array([a[0], a[3], b[0], b[2], b[3]]), r, y,
-            tol=1e-6, max_nodes=20000,
-        )  # fmt: skip
-        assert found.success
-        r, y = found.x, found.y
-    return y[2][0] / H
-
-
 @pytest.mark.parametrize(
     ("rise", "share", "error"), [(1, -0.5, 6e-3), (1, 0.6, 6e-3), (2, -0.3, 0.01), (2, 0.5, 0.015)]
 )
@@ -142,7 +119,7 @@ def test_a_shallow_cap_softens_or_stiffens_as_it_is_pushed(rise, share, error):
     critical = 2 * E * (2 * rise * H * H) ** 2 / np.sqrt(3 * (1 - 0.3**2))
     found, result = deflection(held(body, (0, 0, rise * H)), -share * critical)
     moved = float(result["middle.z"][-1] - result["middle.z"][0]) / H
-    assert moved == pytest.approx(shallow_cap(-share * critical, rise * H), rel=error)
+    assert moved == pytest.approx(circle(-share * critical, 0.3, rise * H), rel=error)
 
 
 def beam_between_walls(pressure, length, duration, modes=4):
@@ -239,7 +216,7 @@ def test_a_start_in_equilibrium_has_them(disk, linear):
     model.add_force("wind", "body-load", body="plate", load="wind", value=pressure)
     model.set_dynamics(duration=0.01, outputs=10, accuracy=1e-3, start="quasi-static")
     found = flexmb.simulate(model)["middle.z"] / H
-    assert np.abs(found) == pytest.approx(circle(pressure, 0.3), rel=8e-3)
+    assert np.abs(found) == pytest.approx(abs(circle(pressure, 0.3)), rel=8e-3)
     rate = flexmb.linearize(model).frequencies[0]
     at_rest = 10.2158 * np.sqrt(E * H**2 / (12 * 2700 * (1 - 0.3**2))) / (2 * np.pi)
     assert rate > (1.3 if linear == 1.0 else 2.0) * at_rest
