@@ -179,12 +179,9 @@ class FlexibleBodySpec(BodySpec):
             what = "the body has no data for it: reduce its mesh with geometric_stiffening = "
             what += '"full" (flexmb reduce --geometric-stiffening full)'
             problems.append(Problem("geometric_stiffening", what))
-        stretching = body.membrane_stiffness
-        if (
-            self.membrane_forces == "full"
-            and body.m
-            and not (stretching and len(stretching.shapes))
-        ):
+        membrane = body.membrane_stiffness
+        has_shapes = membrane is not None and len(membrane.shapes) > 0
+        if self.membrane_forces == "full" and body.m and not has_shapes:
             what = "the body has no data for them: plates, shells and solids of such shapes have, "
             what += "with interfaces, in space, reduced from a mesh"
             problems.append(Problem("membrane_forces", what))
