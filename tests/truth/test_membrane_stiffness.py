@@ -95,7 +95,7 @@ def test_a_clamped_square_deflects_less_by_what_is_told(kind, load):
 
 
 def circle(pressure, nu, rise=0.0):
-    """Deflection over the thickness of a clamped circle of radius 1, or cap of a rise (Marguerre)."""
+    """Deflection over the thickness of a clamped circle of radius 1, or a cap (Marguerre)."""
     D, C = E * H**3 / (12 * (1 - nu**2)), E * H / (1 - nu**2)
 
     def rates(r, y, push):  # u, N_r, w, w', w''
