@@ -49,7 +49,7 @@ from flexmb.units import percent
 
 #: Change over the deflection of the body, and of a sensor over its range, from which a run says so.
 LARGEST_CHANGE, LARGEST_SENSOR_CHANGE = 0.1, 0.01
-#: Words of the sentences on bodies without them.
+#: Words of both sentences on bodies without them.
 LEFT_OUT = "membrane forces are left out"
 _VISIBLE = 1e-3  # change of a sensor below which that of the deflection does not matter
 _CURED = 0.2  # share of the change that geometric stiffening may leave, if it is the cure
@@ -268,14 +268,14 @@ class MembraneForcesMonitor:
             cure = 'membrane_forces = "full" has them, and without the change is less than 1 % up '
             cure += f"to a deflection of about {self._units.say(small * length, 'm', 2)}"
         return (
-            f"bodies.{one.columns.name}: {LEFT_OUT}, which would {verb} its "
+            f"bodies.{one.columns.name}: membrane forces are left out, which would {verb} its "
             f"deflection by about {percent(shares[0])}{sensors} (t = {at}: "
             f"deflection {self._units.say(deflection * length, 'm', 2)}); {cure}"
         )
 
     def _snapped(self, name: str, t: float) -> str:
         return (
-            f"bodies.{name}: {LEFT_OUT}, with which it would snap through at "
+            f"bodies.{name}: membrane forces are left out, with which it would snap through at "
             f"t = {self._units.say(t, 's', 4)} or before: its deflection is that of linear "
             "elasticity"
         )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,11 +13,13 @@ from truthkit import Memory
 from flexmb.analysis.dynamics.dynamics import dynamics
 from flexmb.engine.compile import compile_system, fingerprint
 from flexmb.engine.kind_registry import KINDS
+from flexmb.flexbody import MembraneStiffness
 from flexmb.model import Model
 
 
 def scene():
-    """All that needs scratch: bushing, law, contact, friction in a joint, a quasi-static body."""
+    """All that needs scratch: bushing, law, contact, friction in a joint, a quasi-static body, and
+    one with membrane forces."""
     made = Model("shared", gravity=[0.3, 0.1, -9.81])
     for k, name in enumerate("abc"):
         made.add_body(
@@ -40,6 +43,11 @@ def scene():
     made.add_body("rod", rod(0.01, modes=2), position=[0, 2.0, 0], deformation="quasi-static")
     made.add_marker("ground.hinge", position=[0, 2.0, 0])
     made.add_joint("hinge", "revolute", between=["ground.hinge", "rod.root"], axis="y")
+    stretching = MembraneStiffness(np.eye(2), np.zeros((2, 3)), np.eye(3))
+    leaf = replace(rod(0.01, modes=2), membrane_stiffness=stretching)
+    made.add_body("leaf", leaf, position=[0, 4.0, 0], membrane_forces="full")
+    made.add_marker("ground.leaf", position=[0, 4.0, 0])
+    made.add_joint("leaf", "revolute", between=["ground.leaf", "leaf.root"], axis="y")
     made.set_dynamics(duration=0.2, step=2e-4, outputs=20, method="generalized-alpha")
     return made
 
