@@ -63,7 +63,8 @@ class MembraneStiffness:
     Raises
     ------
     ReductionError
-        Shapes that disagree, numbers that are not finite, or a negative energy.
+        Shapes that disagree or are more than the modes, numbers that are not finite, or a negative
+        energy.
     """
 
     shapes: FloatArray
@@ -77,6 +78,8 @@ class MembraneStiffness:
         shapes = {"shapes": (k, m), "linear": (m, pairs), "quadratic": (pairs, pairs)}
         for name, shape in shapes.items():
             object.__setattr__(self, name, check.floats(name, getattr(self, name), shape))
+        if k > m:
+            check.add("shapes", f"are {k}, more than the {m} modes of the body")
         check.raise_problems()
         V = self.quadratic
         if not np.allclose(V, V.T, rtol=0.0, atol=1e-8 * np.abs(V).max(initial=0.0)):

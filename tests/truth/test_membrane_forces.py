@@ -7,10 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
+from truthkit import Memory
 
 import flexmb
+from flexmb.analysis.dynamics.dynamics import dynamics
+from flexmb.engine.compile import compile_system
 from flexmb.errors import SceneError
 from flexmb.fe.meshes.mesh_shapes import mesh_from
+from flexmb.flexbody import MembraneStiffness
 from flexmb.model import Model
 from tests.truth.test_membrane_stiffness import (
     LEVY,
@@ -228,3 +232,31 @@ def test_a_file_that_was_reduced_in_space_stretches_in_a_plane_too():
     made.plane = "zx"
     found, _ = deflection(made, 20 * E * H**4)
     assert found == pytest.approx(tense_strip(20 * E * H**4, 1.0, H)[0], rel=0.01)
+
+
+def test_each_of_two_plates_begins_in_its_own_equilibrium(disk):
+    """Whatever the order in which their bodies are given."""
+    strip = plate(STRIP, {"a": "x0", "b": "x1"}, nu=0.0)
+    model, pressure = held(strip), 20 * E * H**4
+    model.add_body("disk", disk, position=[0, 5, 0], membrane_forces="full")
+    model.add_marker("ground.disk", position=[0, 5, 0])
+    model.add_joint("disk", "fixed", between=["ground.disk", "disk.rim"])
+    for name in ("plate", "disk"):
+        model.add_force(name, "body-load", body=name, load="wind", value=pressure)
+    near = np.linalg.norm(disk.nodes.position, axis=1).argmin()
+    model.add_marker("disk.middle", node=int(disk.nodes.ids[near]))
+    model.add_sensor("round", "position", of="disk.middle")
+    model.set_dynamics(duration=0.01, outputs=2, accuracy=1e-3, start="quasi-static")
+    model.set_validity(deflection="any")
+    compiled = compile_system(model, {"disk": disk, "plate": strip})
+    memory = Memory()
+    assert dynamics(compiled, model, memory).status == "finished"
+    first = dict(zip(compiled.layout.channels, memory.tables()[6][0], strict=True))
+    assert abs(first["middle.z"]) == pytest.approx(tense_strip(pressure, 1.0, H)[0], rel=0.01)
+    assert abs(first["round.z"]) / H == pytest.approx(abs(circle(pressure, 0.3)), rel=0.01)
+
+
+def test_more_shapes_than_modes_are_refused():
+    """Files may come from anywhere, and the engine has room for as many as there are modes."""
+    with pytest.raises(flexmb.FlexmbError, match="are 3, more than the 2 modes"):
+        MembraneStiffness(np.ones((3, 2)), np.zeros((2, 6)), np.eye(6))

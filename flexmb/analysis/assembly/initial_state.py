@@ -300,13 +300,14 @@ def _equilibrate(
     parts = compiled.system.parts.bodies
     solve = stage_solver(_stiffened(compiled.system, b, rates), state, work)
     bodies = compiled.layout.bodies
+    flexible = [compiled.bodies.get(body.name) for body in bodies]
     begins = np.array([body.iv for body in bodies])
     modes = rates + np.searchsorted(begins, rates, side="right")  # a pose has one more than v
     weights = compiled.system.weights[rates]
     before: list[tuple[Array, Array]] = []  # previous deformations and their steps
     for _ in range(_MAX_ROUNDS):
         if parts["shapes"].any():
-            tangents = membrane_tangents(parts, compiled.bodies, state.q)
+            tangents = membrane_tangents(parts, flexible, state.q)
             solve = stage_solver(_stiffened(compiled.system, b, rates, tangents), state, work)
         _solve_accelerations(solve, state)
         eta, step = state.q[modes], b * state.vd[rates]

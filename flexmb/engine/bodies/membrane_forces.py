@@ -20,7 +20,7 @@ from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import STRAIN_ENERGY, Point, Run
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
@@ -53,18 +53,18 @@ def membrane_stiffness_of(body: FlexBody) -> MembraneStiffness | None:
 
 
 def membrane_tangents(
-    table: NDArray[np.void], bodies: Mapping[str, FlexBody], q: NDArray[np.float64]
+    table: NDArray[np.void], bodies: Sequence[FlexBody | None], q: NDArray[np.float64]
 ) -> dict[int, NDArray[np.float64]]:
     """Stiffness (m, m) that membrane forces add to bodies deformed as in q, by their rows.
 
-    `bodies` are the flexible ones in the order of the table.
+    `bodies` are those of the rows of the table; None: rigid.
     """
-    tangents, rows = {}, np.flatnonzero(table["m"])
-    for row, body in zip(rows, (one for one in bodies.values() if one.m), strict=True):
-        stiffness = membrane_stiffness_of(body) if table["shapes"][row] else None
-        if stiffness is not None:
-            first = int(table["iq"][row]) + 7
-            tangents[int(row)] = stiffness.forces(q[first : first + body.m])[1]
+    tangents = {}
+    for row in np.flatnonzero(table["shapes"]).tolist():
+        body, first = bodies[row], int(table["iq"][row]) + 7
+        stiffness = None if body is None else membrane_stiffness_of(body)
+        if body is not None and stiffness is not None:
+            tangents[row] = stiffness.forces(q[first : first + body.m])[1]
     return tangents
 
 
