@@ -62,7 +62,8 @@ def new(
         typer.Option(
             "--template",
             "-t",
-            help="What to start from (flexmb list templates); the pendulum by default.",
+            help="What to start from (flexmb list templates); by default the one of that name, or "
+            "the pendulum.",
         ),
     ] = None,
 ) -> None:

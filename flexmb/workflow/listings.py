@@ -142,7 +142,8 @@ def new_scene(folder: str | Path, template: str | None = None) -> Path:
     folder : path
         Made if it is missing.
     template : str, optional
-        A name of :func:`templates`; the simplest one by default.
+        A name of :func:`templates`; by default the one with the name of the folder, or the
+        simplest one.
 
     Raises
     ------
@@ -151,10 +152,10 @@ def new_scene(folder: str | Path, template: str | None = None) -> Path:
     OutputError
         A file of the template is there already, or the folder cannot be written.
     """
-    names, template = tuple(templates()), template or _SIMPLEST_TEMPLATE
+    names, target = tuple(templates()), Path(folder)
+    template = template or (target.name if target.name in names else _SIMPLEST_TEMPLATE)
     if template not in names:
         raise FlexmbError.unknown_name("template", template, names)
-    target = Path(folder)
     sources = sorted(path for path in (_TEMPLATES / template).iterdir() if path.is_file())
     present = [str(target / path.name) for path in sources if (target / path.name).exists()]
     if present:

@@ -134,6 +134,8 @@ def test_a_new_scene_is_valid_and_nothing_is_overwritten(tmp_path: Path) -> None
         again = call("new", str(tmp_path / template), "-t", template)
         assert again.exit_code == 2
         assert "never overwritten" in again.stderr
+    named = listings.new_scene(tmp_path / "named" / "flexible-beam")
+    assert named.read_bytes() == (tmp_path / "flexible-beam" / "scene.toml").read_bytes()
     spaced = call("new", str(tmp_path / "x y")).stdout
     assert f"run it with: flexmb run '{tmp_path / 'x y' / 'scene.toml'}'" in spaced
     wrong = call("new", str(tmp_path / "y"), "-t", "pendulums")
