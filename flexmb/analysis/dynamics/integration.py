@@ -92,6 +92,8 @@ class Integration:
         self._output_run = packed_record(output_run(run), like=self._run)
         self._checkpoint: tuple[int, float, float] | None = None  # steps, time, steps at the limit
         self._endless = 0  # checks in a row at which the rest would take too many steps
+        self._refusal = ""
+        self.is_limited = False  # the rest would take too many steps, since stability limits them
 
     def count_outputs(self) -> None:
         """Set the number of outputs written to those up to the time of the state.
@@ -146,13 +148,16 @@ class Integration:
         FlexmbError
             Steps under error control have become so short that the run would not end.
         """
-        if self.settings.step == 0.0:
-            self._refuse_endless()
+        if self._refusal:
+            raise FlexmbError(self._refusal)
         self.rows.clear()
-        return integrate(self._run, steps, self._output_run)
+        status = integrate(self._run, steps, self._output_run)
+        if self.settings.step == 0.0 and not self.finished:
+            self._look_ahead()
+        return status
 
-    def _refuse_endless(self) -> None:
-        """Raise an error if the rest of the run would take far too many steps."""
+    def _look_ahead(self) -> None:
+        """Set the refusal of a run whose rest would take far too many steps."""
         done, t = int(self.state.count[0]["steps"]), float(self.state.t[0])
         stiff = float(self.state.memory[0]["steps_at_stability_limit"])
         if self._checkpoint is None:
@@ -174,7 +179,8 @@ class Integration:
                 cause = singular_pose_sentence(
                     self.compiled, self.state.q, self.state.q_first, self.method
                 )
-            raise FlexmbError(_endless(t, passed / steps, left, limited, cause))
+            self._refusal = _endless(t, passed / steps, left, limited, cause)
+            self.is_limited = limited and not cause
 
 
 class StepRows:

@@ -340,7 +340,8 @@ def limited_by_stability(prepared: PreparedDynamics) -> bool:
     run = prepared.run if prepared.verified is None else prepared.verified.scout
     count, stiff = run.state.count[0], run.state.memory[0]["steps_at_stability_limit"]
     tried = count["steps"] + count["rejected"]
-    return may_change_method(prepared) and tried > _MIN_STEPS and bool(stiff > _STIFF_SHARE * tried)
+    limited = run.is_limited or (tried > _MIN_STEPS and bool(stiff > _STIFF_SHARE * tried))
+    return may_change_method(prepared) and limited
 
 
 def unstable_step(run: Integration, name: str, failed: bool) -> str:

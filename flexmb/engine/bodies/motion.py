@@ -106,12 +106,13 @@ def normalise(bodies, q):
 
 
 @unit
-def put_dq_round_off(run: Run) -> int:
+def put_dq_round_off(run: Run, h: float) -> int:
     """Set Trial.dq_round_off: size of a correction of each coordinate that is round-off, weighted.
 
     It is the largest of four: its value at the first pose (State.first_round_off); the round-off of
     the driver functions, where a driver acts; that of the displacement so far; and that of the
-    present position.
+    present position. Of a state, a velocity whose position no force needs, it is that of its value
+    times the size h of a step.
     """
     st, tr, bodies, rows = run.state, run.work.trial, run.system.parts.bodies, run.system.rows
     coordinates = run.system.parts.coordinates
@@ -131,8 +132,9 @@ def put_dq_round_off(run: Run) -> int:
             places[o + a] = max(places[o + a], far)
     for k in range(coordinates.shape[0]):
         o, far = coordinates[k]["iv"], RELATIVE_ROUND_OFF * abs(st.q[coordinates[k]["iq"]])
-        state = coordinates[k]["state"] == 1  # its position is an integral that no force needs
-        places[o] = first[0, o] if state else max(places[o], far * weights[o])
+        places[o] = max(places[o], far * weights[o])
+        if coordinates[k]["state"] == 1:
+            places[o] = first[0, o] * h * max(abs(st.v[o]) * weights[o], st.v_scale[o])
     return SUCCESS
 
 

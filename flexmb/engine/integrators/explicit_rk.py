@@ -239,7 +239,7 @@ def _watch_stability(run, tableau, h, of_parameters):
         for k in range(last):
             tr.shares[k] = h * (tableau.A[last, k] - tableau.A[last - 1, k])
         _weighted_motion(run, tr.shares, last, of_parameters)
-        if _is_round_off(run):
+        if _is_round_off(run, h):
             if memory["steps_at_stability_limit"] > _LIMIT_STEPS:
                 memory["stable_step"] = _REST_GROWTH * h
             return
@@ -259,13 +259,13 @@ def _watch_stability(run, tableau, h, of_parameters):
 
 
 @kernel
-def _is_round_off(run):
+def _is_round_off(run, h):
     """Whether position differences in Trial.dq, from which stiff forces give any rate, are
     round-off and the error is negligible."""
     tr, allowed = run.work.trial, run.settings.tolerance * run.settings.rejection_factor
     if not max(tr.error[0], tr.error[1]) <= _REST_ERROR * allowed:
         return False
-    put_dq_round_off(run)
+    put_dq_round_off(run, h)
     return max_over_round_off(run, tr.dq) <= 1.0
 
 

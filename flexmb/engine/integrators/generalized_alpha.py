@@ -159,7 +159,7 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
     else:
         tolerance = settings.tolerance  # over the error scale of each coordinate
     relative = settings.newton_tolerance == 0.0
-    put_dq_round_off(run)
+    put_dq_round_off(run, h)
     if memory["contraction"] > _RENEW_ABOVE and memory["factor_age"] > 0.0:
         memory["factor_age"] = -1.0
     earlier, last, slowest, settled = 0.0, 0.0, 0.0, 0.0

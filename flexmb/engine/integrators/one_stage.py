@@ -65,7 +65,7 @@ def _iterate(run, h):
         tr.dq[k] = h * tr.v[k]
     copy(st.lam, tr.lam)
     tr.t[0] = st.t[0] + h
-    put_dq_round_off(run)
+    put_dq_round_off(run, h)
     for _ in range(run.settings.max_iterations):
         move(run.system.parts, st.q, tr.dq, tr.q)
         st.count[0]["residuals"] += 1

@@ -140,7 +140,7 @@ def _iterate(run, radau, h):
     if abs(memory["factor_step"] - h) > _STEP_CHANGE * h or memory["contraction"] > _RENEW_ABOVE:
         memory["factor_age"] = -1.0
     allowed = _allowed_correction(run, h)
-    put_dq_round_off(run)
+    put_dq_round_off(run, h)
     earlier, last, last_moved, least, slowest, settled = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for n in range(run.settings.max_iterations):
         _put_rates(run, radau, h)
