@@ -172,9 +172,12 @@ class ValidityMonitor:
 def _inertia_monitor(
     compiled: Compiled, model: Model, q: NDArray[np.float64]
 ) -> DeformedInertiaMonitor | None:
-    """The monitor of bodies whose inertia coupling is not full, if there are any."""
-    specs = model.bodies.values()
-    if all(getattr(spec, "inertia_coupling", "full") == "full" for spec in specs):
+    """The monitor of bodies whose inertia coupling or frame may lose mass, if there are any."""
+    if all(
+        getattr(spec, "inertia_coupling", "full") == "full"
+        and getattr(spec, "frame_interface", None) is None
+        for spec in model.bodies.values()
+    ):
         return None
     from flexmb.analysis.validity.deformed_inertia import DeformedInertiaMonitor
 
