@@ -25,7 +25,7 @@ from flexmb.analysis.validity.linear_elasticity import (
 )
 from flexmb.analysis.validity.load_factor import LoadFactorMonitor
 from flexmb.analysis.validity.modal_basis import ModalBasisMonitor
-from flexmb.analysis.validity.omitted_stiffening import OmittedStiffeningMonitor
+from flexmb.analysis.validity.omitted_stiffening import OmittedBendMonitor, OmittedStiffeningMonitor
 from flexmb.analysis.validity.omitted_vibrations import OmittedVibrationMonitor, VibrationResponse
 from flexmb.engine.compile import Compiled
 from flexmb.engine.state import State
@@ -74,6 +74,7 @@ class ValidityMonitor:
                 self._elasticity,
                 self._load_factor,
                 bars,
+                OmittedBendMonitor(compiled, model),
                 *_membrane_monitors(compiled, model, bars.bows),
                 *((self._inertia,) if self._inertia else ()),
                 self._basis,

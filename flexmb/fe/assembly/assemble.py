@@ -179,16 +179,11 @@ class FEMatrices:
 
 
 def assemble(
-    mesh: Mesh,
-    material: AnyMaterial,
-    sections: Mapping[str, Any] | None = None,
-    progress: Progress = silent,
-    *,
-    ties: Mapping[str, Mapping[str, Any]] | None = None,
-    masses: Mapping[str, Mapping[str, Any]] | None = None,
-    springs: Mapping[str, Mapping[str, Any]] | None = None,
+    mesh: Mesh, material: AnyMaterial, sections: Mapping[str, Any] | None = None, progress:
+    Progress = silent, *, ties: Mapping[str, Mapping[str, Any]] | None = None, masses: Mapping[str,
+    Mapping[str, Any]] | None = None, springs: Mapping[str, Mapping[str, Any]] | None = None,
     mass_matrix: str = "consistent",
-) -> FEMatrices:
+) -> FEMatrices:  # fmt: skip
     """Build stiffness, mass and inertia.
 
     Parameters
@@ -231,15 +226,10 @@ def assemble(
 
 
 def make_model(
-    mesh: Mesh,
-    material: AnyMaterial | None,
-    sections: Mapping[str, Any] | None,
-    collector: ProblemCollector,
-    *,
-    ties: Mapping[str, Mapping[str, Any]] | None = None,
-    masses: Mapping[str, Mapping[str, Any]] | None = None,
-    springs: Mapping[str, Mapping[str, Any]] | None = None,
-) -> MeshModel | None:
+    mesh: Mesh, material: AnyMaterial | None, sections: Mapping[str, Any] | None, collector:
+    ProblemCollector, *, ties: Mapping[str, Mapping[str, Any]] | None = None, masses: Mapping[str,
+    Mapping[str, Any]] | None = None, springs: Mapping[str, Mapping[str, Any]] | None = None,
+) -> MeshModel | None:  # fmt: skip
     """The elements, degrees of freedom, point masses, springs and ties of a model.
 
     ``collector`` collects the problems; the other parameters are those of :func:`assemble`. None is

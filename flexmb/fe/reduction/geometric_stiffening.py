@@ -36,14 +36,9 @@ _ALL = tuple(range(6))  # all six motions of a body, and of an interface
 
 
 def with_geometric_stiffening(
-    body: FlexBody,
-    fe: FEMatrices,
-    Phi: FloatArray,
-    interfaces: tuple[ModelInterface, ...],
-    patterns: tuple[LoadPattern, ...] = (),
-    nodes: Sequence[int] = (),
-    progress: Progress = silent,
-) -> FlexBody:
+    body: FlexBody, fe: FEMatrices, Phi: FloatArray, interfaces: tuple[ModelInterface, ...],
+    patterns: tuple[LoadPattern, ...] = (), nodes: Sequence[int] = (), progress: Progress = silent,
+) -> FlexBody:  # fmt: skip
     """The body with the geometric stiffness of its loads.
 
     Parameters
