@@ -14,7 +14,7 @@ which it was reduced. That of another node, where a sensor measures, is from an 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import pairwise
 
@@ -62,6 +62,7 @@ _MIN_SHARE_OF_RUN = 0.1  # share of a run after which it may be refused
 _VISIBLE = 1e-3  # change of a sensor below which that of the deflection does not matter
 # Share of the largest first estimate so far from which on a row is computed exactly.
 _WORTH = 0.5
+_NEAR_NODES, _SHORT_STEPS = 13, 3.0  # of a way along a body; power of its lengths
 _LEAST_RANGE = 0.01  # of a channel, over the largest of its sensor, below which it is not judged
 
 
@@ -308,16 +309,34 @@ def _sensors_without_bend(
 
 
 def _bend_beside_interfaces(
-    interfaces: Iterable[Interface], nodes: NodeModes, turns: Array, place: Array
+    interfaces: Sequence[Interface], nodes: NodeModes, turns: Array, place: Array
 ) -> Array:
-    """About the (3, m, m) bend at a place, from that of the nearest interface on."""
-    near = min(interfaces, key=lambda one: float(np.linalg.norm(one.position - place)))
-    line, middles = place - near.position, (np.arange(DIVISIONS) + 0.5) / DIVISIONS
-    points = near.position + middles[:, None] * line
-    Phi_r = turns[[int(((nodes.position - x) ** 2).sum(axis=1).argmin()) for x in points]]
-    both = np.einsum("jam,jcn,c->amn", Phi_r, Phi_r, line)
-    both = 0.5 * (both + both.swapaxes(1, 2)) - np.einsum("a,jcm,jcn->amn", line, Phi_r, Phi_r)
-    return np.asarray(near.bend - both / DIVISIONS)
+    """About the (3, m, m) bend at a place, from that of the interface with the shortest way on.
+
+    The way goes from node to near node, as the material does.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import dijkstra
+    from scipy.spatial import cKDTree
+
+    x, tree = nodes.position, cKDTree(nodes.position)
+    far, near = tree.query(x, k=min(_NEAR_NODES, len(x)))
+    end, starts = int(tree.query(place)[1]), tree.query([one.position for one in interfaces])[1]
+    rows = np.append(np.repeat(np.arange(len(x)), near.shape[1]), starts)
+    lengths = np.append(far**_SHORT_STEPS, np.full(len(starts), len(x) * far.max() ** _SHORT_STEPS))
+    columns = np.append(near, np.full(len(starts), end))  # a way even to what has no near nodes
+    graph = coo_array((lengths, (rows, columns)), shape=(len(x), len(x))).tocsr()
+    away, before = dijkstra(graph, directed=False, indices=end, return_predecessors=True)
+    which = int(away[starts].argmin())
+    way = [int(starts[which])]
+    while way[-1] != end:
+        way.append(int(before[way[-1]]))
+    first, last, middle = turns[way[:-1]], turns[way[1:]], 0.5 * (turns[way[1:]] + turns[way[:-1]])
+    Phi_r = np.concatenate([first, 2.0 * middle, last]) / 6.0**0.5
+    steps = np.tile(np.diff(x[way], axis=0), (3, 1))
+    both = np.einsum("jam,jcn,jc->amn", Phi_r, Phi_r, steps)
+    both = 0.5 * (both + both.swapaxes(1, 2)) - np.einsum("ja,jcm,jcn->amn", steps, Phi_r, Phi_r)
+    return np.asarray(interfaces[which].bend - both)
 
 
 def _root(C: Array) -> Array:
