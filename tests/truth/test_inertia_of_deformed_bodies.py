@@ -48,6 +48,28 @@ def test_a_run_that_diverges_by_its_frame_says_so(coupling, stiffening):
     assert "buckle" not in said.split("\n")[0]
 
 
+@pytest.mark.parametrize("interface", ["root", "tip"])
+@pytest.mark.parametrize("stiffening", ["none", "full"])
+def test_a_body_amid_others_that_diverges_by_its_frame_says_so(interface, stiffening):
+    """Two bars that motors fold: joints of moving bodies hold the frame less than those at rest."""
+    made, words = Model("arm"), {"inertia_coupling": "partial", "frame": f"interface {interface}"}
+    for k, (name, size) in enumerate((("upper", 0.015), ("lower", 0.01))):
+        body = rod(size, 1.0, 10, 4, geometric_stiffening="full")
+        made.add_body(name, body, position=[k, 0, 0], geometric_stiffening=stiffening, **words)
+    made.add_body("load", mass=1.0, inertia=[1e-3] * 3, position=[2, 0, 0])
+    made.add_joint("shoulder", "revolute", between=["ground", "upper.root"], axis="z")
+    made.add_joint("elbow", "revolute", between=["upper.tip", "lower.root"], axis="z")
+    made.add_joint("weld", "fixed", between=["lower.tip", "load"])
+    made.add_driver("lift", joint="shoulder", angle="step5(t, 0, 0, 0.6, 1.2)")
+    made.add_driver("fold", joint="elbow", angle="step5(t, 0.1, 0, 0.8, -1.5)")
+    made.add_sensor("load", "position", of="load")
+    with pytest.raises(SolverError) as failed:
+        run(made)
+    said = str(failed.value).split("\n")[0]
+    assert f'mass matrix of partial coupling in its frame at interface "{interface}"' in said
+    assert "make it stiffer" not in said
+
+
 def test_stiffening_that_takes_mass_in_its_frame_is_told(tmp_path):
     """By the least eigenvalue of the whole mass matrix, with the shape of the last row."""
     made = driven_bar(frame="interface tip", geometric_stiffening="full")

@@ -162,3 +162,30 @@ def test_a_sensor_at_a_node_of_a_file_tells_what_it_lacks(at, deflection, is_tol
         number = float(re.search(r"about ([\d.]+) %", told[0])[1])
         assert number == pytest.approx(100 * share / (1 - share), rel=0.15)
         assert "--load-point 20)" in told[0]
+
+
+@pytest.mark.parametrize("axes", [{"relative_to": "hub", "axes": "hub"}, {"seen_from": "hub"}])
+def test_what_a_node_lacks_is_told_in_the_axes_of_the_sensor(axes):
+    """Beside the body that was reduced with it: seen from a hub that turns, not from the ground."""
+    found = []
+    for points in ([], [20]):
+        options = body("beam", False)
+        del options["markers"]
+        made = flexmb.reduce(options.pop("mesh"), **options, load_points=points)
+        model = Model("blade")
+        model.add_body("hub", mass=1.0, inertia=[0.1] * 3)
+        model.add_body("bar", made)
+        model.add_marker("bar.end", node=20)
+        model.add_joint("bearing", "revolute", between=["ground", "hub"], axis="z")
+        model.add_joint("clamp", "fixed", between=["hub", "bar.root"])
+        model.add_driver("motor", joint="bearing", angle="0.5*sin(20*t)")
+        model.add_sensor("near", "position", of="bar.end", **axes)
+        model.add_sensor("far", "position", of="bar.end")
+        found.append(flexmb.simulate(model, duration=0.4, accuracy=1e-5, verify=False))
+    (told,) = (note for note in found[0].notes if "comes nearer" in note)
+    x = [run["near.x"] for run in found]
+    share = np.abs(x[0] - x[1]).max() / np.ptp(x[0])
+    assert told.startswith("sensors.near:")
+    number = float(re.search(r"about ([\d.]+) %", told)[1])
+    assert number == pytest.approx(100 * share, rel=0.2)
+    assert not [note for note in found[1].notes if "comes nearer" in note]

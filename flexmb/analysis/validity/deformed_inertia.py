@@ -22,13 +22,13 @@ from functools import partial
 
 import numpy as np
 
+from flexmb.analysis.assembly.jacobian import MAX_COORDINATES
+from flexmb.analysis.assembly.mechanism_modes import MechanismModes
 from flexmb.analysis.monitors import Indicator
 from flexmb.analysis.validity.linear_elasticity import (
     LARGEST_DEFLECTION,
-    constraint_jacobian,
     flexible_columns,
     joined_frame,
-    joined_motions,
     largest_lengths,
     relative_motion,
 )
@@ -37,6 +37,7 @@ from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, skew
 from flexmb.model.flexible_body import MEAN_AXIS, FlexibleBodySpec
+from flexmb.model.markers import rotation_matrix
 from flexmb.model.model import Model
 from flexmb.results.output_block import OutputBlock
 
@@ -85,7 +86,7 @@ class DeformedInertiaMonitor:
 
     def __init__(self, compiled: Compiled, model: Model, q: Array) -> None:
         self._units, self._bodies = model.units, list[_WatchedBody]()
-        Cq = None
+        motions = None
         for columns, body in flexible_columns(compiled):
             spec = model.bodies[columns.name]
             if not isinstance(spec, FlexibleBodySpec) or spec.deformation == "quasi-static":
@@ -95,9 +96,11 @@ class DeformedInertiaMonitor:
                 continue
             if spec.inertia_coupling == "full" and stiffening is None:
                 continue
-            Cq = constraint_jacobian(compiled, q) if Cq is None else Cq
-            U, sizes, _ = np.linalg.svd(joined_motions(body, columns, q, Cq).frame)
-            root = U[:, : len(sizes)] * sizes
+            motions = _unit_motions(compiled, q) if motions is None else motions
+            frame = motions[columns.iv : columns.iv + 6].copy()
+            frame[:3] = rotation_matrix(q[columns.iq + 3 : columns.iq + 7]).T @ frame[:3]
+            U, sizes, _ = np.linalg.svd(frame, full_matrices=False)
+            root = U * sizes
             deflection, _ = relative_motion(body, joined_frame(body, columns.name, model))
             coupling, interface = spec.inertia_coupling, spec.frame_interface
             change = first_order_inertia(body)
@@ -170,6 +173,13 @@ class DeformedInertiaMonitor:
             f"{where}: the mass matrix of {what}{frame} is not positive from {from_on} "
             f"on (t = {at}), and the equations diverge; {cure}"
         )
+
+
+def _unit_motions(compiled: Compiled, q: Array) -> Array:
+    """(nv, k) motions of unit mass that the joints leave; of too large models those of no body."""
+    if compiled.layout.nv > MAX_COORDINATES:
+        return np.zeros((compiled.layout.nv, 1))
+    return MechanismModes(compiled, q, list(range(len(compiled.layout.bodies)))).unit_motions()
 
 
 def first_order_inertia(body: FlexBody) -> Array:

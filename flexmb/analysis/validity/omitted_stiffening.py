@@ -33,6 +33,7 @@ from flexmb.analysis.validity.joined_body import (
 )
 from flexmb.analysis.validity.linear_elasticity import (
     flexible_columns,
+    in_body_axes,
     in_global_axes,
     largest_lengths,
 )
@@ -228,7 +229,8 @@ class OmittedStiffeningMonitor:
         cause = f"it is {'pulled' if force > 0 else 'compressed'} with {say(abs(force))}"
         if tension > abs(force):
             cause = f"its joints hold the ends that its bow pulls together, with {say(tension)}"
-        sensors = "" if not seen else f" and a sensor by {percent(seen)} of its range"
+        seen = seen or 0.0
+        sensors = f" and a sensor by {percent(seen)} of its range" if seen > _VISIBLE else ""
         return (
             f"bodies.{one.columns.name}: geometric stiffening is left out, which would change its "
             f"deflection by about {percent(share)}{sensors} (t = {at}: {cause}); reduce it with "
@@ -259,10 +261,13 @@ class OmittedBendMonitor:
         self._least = np.minimum(self._least, rows.sensors.min(axis=0))
         self._most = np.maximum(self._most, rows.sensors.max(axis=0))
         self._largest = largest = self._largest.copy()
-        for before, (_, columns, _, bend) in zip(largest, self._sensors, strict=True):
+        for before, (_, columns, _, bend, seen) in zip(largest, self._sensors, strict=True):
             modes = slice(columns.iq + 7, columns.iq + 7 + columns.m)
             moved = np.einsum("ti,aij,tj->ta", rows.q[:, modes], bend, rows.q[:, modes])
-            moved = np.abs(in_global_axes(rows.q[:, columns.iq + 3 : columns.iq + 7], moved / 2))
+            moved = in_global_axes(rows.q[:, columns.iq + 3 : columns.iq + 7], moved / 2)
+            iq, R = seen
+            moved = moved if iq < 0 else in_body_axes(rows.q[:, iq + 3 : iq + 7], moved)
+            moved = np.abs(moved @ R)
             if moved.max() > before[:3].max():
                 before[3] = rows.t[int(moved.max(axis=1).argmax())]
             before[:3] = np.maximum(before[:3], moved.max(axis=0))
@@ -270,7 +275,7 @@ class OmittedBendMonitor:
     def indicators(self) -> Iterator[Indicator]:
         """What each sensor lacks, over the range of its channel."""
         ranges = np.broadcast_to(self._most - self._least, len(self._channels))
-        for (name, columns, node, _), (*change, t) in zip(
+        for (name, columns, node, *_), (*change, t) in zip(
             self._sensors, self._largest, strict=True
         ):
             own = [k for k, one in enumerate(self._channels) if one.partition(".")[0] == name]
@@ -289,8 +294,10 @@ class OmittedBendMonitor:
 
 def _sensors_without_bend(
     compiled: Compiled, model: Model
-) -> Iterator[tuple[str, BodyColumns, int, Array]]:
-    """Sensors along global axes at such nodes: name, body, node, and about its bend (3, m, m)."""
+) -> Iterator[tuple[str, BodyColumns, int, Array, tuple[int, Array]]]:
+    """Sensors at such nodes: name, body, node, about its bend (3, m, m); their axes: the first
+    column in q of a body, -1 of the ground, and a matrix (3, 3) in its axes."""
+    first = {one.name: one.iq for one in compiled.layout.bodies}
     for columns, body in flexible_columns(compiled):
         nodes = body.nodes
         if body.centrifugal_stiffness is None or nodes is None or nodes.Phi_r is None:
@@ -299,13 +306,23 @@ def _sensors_without_bend(
             if not isinstance(spec, MarkerSensorSpec) or spec.type != "position":
                 continue
             for marker in (spec.of, spec.relative_to or ""):
-                if marker.partition(".")[0] != columns.name or spec.axes != "global":
+                if marker.partition(".")[0] != columns.name:
                     continue
                 place = place_marker(model, marker, compiled.flexbodies)
                 if place.bend is None and place.Phi_t is not None:
                     away = ((nodes.position - place.rho) ** 2).sum(axis=1)
                     bend = _bend_beside_interfaces(body.interfaces, nodes, nodes.Phi_r, place.rho)
-                    yield name, columns, int(nodes.ids[away.argmin()]), bend
+                    axes = spec.axes if spec.seen_from is None else spec.seen_from
+                    R, owner = np.eye(3), axes.partition(".")[0]
+                    if axes != "global":
+                        R = place_marker(model, axes, compiled.flexbodies).R
+                    yield (
+                        name,
+                        columns,
+                        int(nodes.ids[away.argmin()]),
+                        bend,
+                        (first.get(owner, -1), R),
+                    )
 
 
 def _bend_beside_interfaces(
