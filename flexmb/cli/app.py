@@ -255,7 +255,7 @@ def refuse_options(options: dict[str, Any], why: str) -> None:
     """Refuse options that have a value, by name, with the reason."""
     for name, value in options.items():
         if value is not None and value is not False and value != []:
-            raise typer.BadParameter(why, param_hint=f"--{name}")
+            raise typer.BadParameter(why, param_hint=f"--{name.replace('_', '-')}")
 
 
 @contextlib.contextmanager

@@ -88,6 +88,14 @@ def reduce(
         str | None,
         typer.Option(help="inertia: add the static responses to the body's own inertia loads."),
     ] = None,
+    load_point: Annotated[
+        list[int] | None,
+        typer.Option(
+            metavar="NODE",
+            help="A node besides the interfaces at which loads act or, with geometric stiffening, "
+            "sensors measure; may be repeated.",
+        ),
+    ] = None,
     body: Annotated[str | None, typer.Option(help="Only this flexible body of the scene.")] = None,
     overrides: Overrides = None,
     fresh: Annotated[
@@ -131,6 +139,7 @@ def reduce(
         "residual": residual,
     }
     of_mesh = {"material": material, "interface": interface, "section": section, **options}
+    of_mesh["load-point"] = load_point
     quality: dict[str, Any] = {"report": report or up_to is not None, "up_to": up_to}
     notes, checks, scene_units = [], [], None
     if source.suffix == ".toml":
@@ -165,6 +174,7 @@ def reduce(
                 sections={group: parse_table(text, "--section") for group, text in sections},
                 output=output,
                 progress=progress,
+                load_points=load_point or (),
                 **quality,
                 **{name: value for name, value in options.items() if value is not None},
             )

@@ -30,13 +30,9 @@ from flexmb.progress import Progress, silent
 
 
 def with_recovery(
-    body: FlexBody,
-    fe: FEMatrices,
-    Phi: FloatArray,
-    stress: bool | str = True,
-    progress: Progress = silent,
-    omitted: FloatArray | None = None,
-) -> FlexBody:
+    body: FlexBody, fe: FEMatrices, Phi: FloatArray, stress: bool | str = True, progress: Progress
+    = silent, omitted: FloatArray | None = None,
+) -> FlexBody:  # fmt: skip
     """The body with its stress, the section forces of its beams and the resultants of its shells.
 
     Parameters

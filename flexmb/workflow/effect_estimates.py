@@ -17,6 +17,7 @@ import numpy as np
 
 from flexmb.errors import FlexmbError
 from flexmb.flexbody.arrays import Array
+from flexmb.model.flexible_body import stretches
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.scenes.effects import with_words
 from flexmb.workflow.effect import (
@@ -54,6 +55,7 @@ _NO_CHANGE = 1e-7
 # above the second one [rad] are estimated with more rows, and with more again while both differ by
 # more than the third number.
 _DOUBTFUL, _TURN, _AGREEMENT = 0.01, 6.0, 0.3
+_LINEAR = "as of linear deformations, which membrane forces lessen or enlarge"
 _AT_OTHER_TIMES = "contacts, stops or friction act at other times with it"
 
 
@@ -62,8 +64,8 @@ class Estimates:
     """Estimates of the effects of a run; changes that several of them need are computed once."""
 
     of: ModelVariants
-    _unsettled: set[str] = field(default_factory=set)  # sensors, of the effect estimated last
-    _unsettled_of: dict[tuple[str, ...], set[str]] = field(default_factory=dict)
+    _unsettled: dict[str, str] = field(default_factory=dict)  # why, of the effect estimated last
+    _unsettled_of: dict[tuple[str, ...], dict[str, str]] = field(default_factory=dict)
     _changes_of: dict[tuple[str, ...], Change] = field(default_factory=dict)
 
     def estimate(self, effect: Effect) -> tuple[list[Contribution], float | None]:
@@ -128,9 +130,7 @@ class Estimates:
         least = round_off(self.of.compiled, self.of.motion)
         made = contributions(self.of.model, *self._change(*effects)[:3], together, least)
         rough = self._unsettled_of[effects[0].name, *(one.body for one in effects)]
-        return [
-            replace(one, unsettled=_AT_OTHER_TIMES if one.sensor in rough else "") for one in made
-        ]
+        return [replace(one, unsettled=rough.get(one.sensor, "")) for one in made]
 
     @cached_property
     def _estimable(self) -> list[Effect]:
@@ -152,7 +152,7 @@ class Estimates:
         if key not in self._changes_of:
             deforms = name in (DEFORMATION, VIBRATION)
             find = self._deformation if deforms else self._switch_change
-            self._unsettled = set()
+            self._unsettled = {}
             self._changes_of[key] = find(*effects)
             self._unsettled_of[key] = self._unsettled
         return self._changes_of[key]
@@ -228,9 +228,16 @@ class Estimates:
         own, motion, model, bodies, last = self.of.deformable(effects)
         other = self.of.compile(model, bodies)
         if effects[0].name == DEFORMATION:
-            cost = self.run_time / last if last else None
+            cost, now = self.run_time / last if last else None, self.of.motion
+            hardens = any(stretches(model.bodies[name]) for name in mine)
+            if hardens and motion is not now and np.array_equal(now.t, motion.t):
+                # small motions about the rigid one have no membrane forces: both runs tell
+                change = now.channels - motion.channels
+                return (now.channels, motion.channels), change, own.layout.channels, cost
             histories, change, names = self._changes(own, other, model, motion, {})
-            return (self.of.motion.channels, *histories), change, names, cost
+            if hardens:
+                self._unsettled = {name.split(".")[0]: _LINEAR for name in names} | self._unsettled
+            return (now.channels, *histories), change, names, cost
         deformations = (replace(one, name=DEFORMATION) for one in effects)
         histories, change, names, _ = self._change(*deformations)
         both = (
@@ -287,7 +294,7 @@ class Estimates:
         )  # fmt: skip
         change, channels = made.channels, np.array(other.layout.channels)
         rough = {str(channel).split(".")[0] for channel in channels[~settled]}
-        self._unsettled = self._unsettled | rough
+        self._unsettled = {**self._unsettled, **dict.fromkeys(rough, _AT_OTHER_TIMES)}
         after = motion.channels + np.where(np.isfinite(change), change, 0.0)
         return (motion.channels, after), change, other.layout.channels
 

@@ -43,17 +43,10 @@ class ReducedScene:
 
 
 def reduce_mesh(
-    mesh: str | Path,
-    *,
-    material: Any,
-    interfaces: Mapping[str, Any] | None = None,
-    sections: Mapping[str, Any] | None = None,
-    output: str | Path | None = None,
-    report: bool = False,
-    up_to: float | None = None,
-    progress: Progress = silent,
-    **options: Any,
-) -> ReducedBody:
+    mesh: str | Path, *, material: Any, interfaces: Mapping[str, Any] | None = None, sections:
+    Mapping[str, Any] | None = None, output: str | Path | None = None, report: bool = False, up_to:
+    float | None = None, progress: Progress = silent, **options: Any,
+) -> ReducedBody:  # fmt: skip
     """Reduce a mesh to a flexible body and save it (`<mesh>.flexbody.h5` by default).
 
     Parameters
@@ -95,16 +88,10 @@ def reduce_mesh(
 
 
 def reduce_scene(
-    path: str | Path,
-    *,
-    body: str | None = None,
-    output: str | Path | None = None,
-    overrides: Mapping[str, str] | None = None,
-    fresh: bool = False,
-    report: bool = False,
-    up_to: float | None = None,
-    progress: Progress = silent,
-) -> ReducedScene:
+    path: str | Path, *, body: str | None = None, output: str | Path | None = None, overrides:
+    Mapping[str, str] | None = None, fresh: bool = False, report: bool = False, up_to: float | None
+    = None, progress: Progress = silent,
+) -> ReducedScene:  # fmt: skip
     """Reduce the flexible bodies of a scene into its output folder, as a run would.
 
     Parameters

@@ -159,6 +159,20 @@ def test_a_mesh_in_millimetres_read_in_metres_is_warned_about(folder: Path) -> N
     assert "warning: the mesh extends over 1000 m: is its unit system" in done.stderr
 
 
+def test_load_points_are_nodes_of_a_mesh_file(folder: Path) -> None:
+    from flexmb.flexbody import load
+
+    write_box(folder / "box.msh")
+    words = ("--material", "steel", *REDUCE, "--geometric-stiffening", "full", "--load-point", "5")
+    assert call("reduce", "box.msh", *words, "-o", "box.h5").exit_code == 0
+    nodes = load(folder / "box.h5").nodes
+    assert nodes is not None and nodes.bend_nodes is not None and nodes.bend_nodes.tolist() == [5]
+    (folder / "scene.toml").write_text("")
+    for option, value in (("--load-point", "5"), ("--geometric-stiffening", "full")):
+        done = call("reduce", "scene.toml", option, value)
+        assert done.exit_code == 2 and f"{option}: belongs to a mesh file" in done.stderr
+
+
 def test_positions_that_cannot_be_assembled(folder: Path) -> None:
     """The guide holds the rod's centre at a height that crank and rod do not reach."""
     far = ('between = ["ground", "rod.center"]', 'between = ["ground.rail", "rod.center"]')

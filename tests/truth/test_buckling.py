@@ -286,3 +286,18 @@ def test_each_equilibrium_of_statics_has_its_own_load_factor(stiffening):
     words = "its loads are " if stiffening else "compressed by about "
     (note,) = [note for note in run.notes if words in note]
     assert float(note.split(words)[1].split()[0]) == pytest.approx(0.9, rel=0.03)
+
+
+def test_a_body_that_only_follows_its_loads_has_a_load_factor():
+    """On bushings, with all its modes quasi-static, nothing vibrates; the ball is light."""
+    made = flexmb.Model("bar on bushings", gravity=[0, 0, -9.81])
+    words = {"deformation": "quasi-static", "geometric_stiffening": "full"}
+    made.add_body("bar", rod(0.01, 1.0, 10, 4, geometric_stiffening="full"), **words)
+    made.add_body("ball", mass=1.0, inertia=[0.01] * 3, position=[1, 0, 0])
+    for name, ends in (("one", ["ground", "bar.root"]), ("two", ["bar.tip", "ball"])):
+        made.add_force(
+            name, "bushing", between=ends, stiffness=[1e6] * 3, rotational_stiffness=[1e3] * 3
+        )
+    made.add_sensor("ball", "position", of="ball")
+    run = flexmb.simulate(made, duration=0.05, accuracy=1e-3, verify=False)
+    assert run.status == "finished" and not [note for note in run.notes if "buckle" in note]

@@ -48,6 +48,68 @@ def test_a_run_that_diverges_by_its_frame_says_so(coupling, stiffening):
     assert "buckle" not in said.split("\n")[0]
 
 
+@pytest.mark.parametrize("interface", ["root", "tip"])
+@pytest.mark.parametrize("stiffening", ["none", "full"])
+def test_a_body_amid_others_that_diverges_by_its_frame_says_so(interface, stiffening):
+    """Two bars that motors fold: joints of moving bodies hold the frame less than those at rest."""
+    made, words = Model("arm"), {"inertia_coupling": "partial", "frame": f"interface {interface}"}
+    for k, (name, size) in enumerate((("upper", 0.015), ("lower", 0.01))):
+        body = rod(size, 1.0, 10, 4, geometric_stiffening="full")
+        made.add_body(name, body, position=[k, 0, 0], geometric_stiffening=stiffening, **words)
+    made.add_body("load", mass=1.0, inertia=[1e-3] * 3, position=[2, 0, 0])
+    made.add_joint("shoulder", "revolute", between=["ground", "upper.root"], axis="z")
+    made.add_joint("elbow", "revolute", between=["upper.tip", "lower.root"], axis="z")
+    made.add_joint("weld", "fixed", between=["lower.tip", "load"])
+    made.add_driver("lift", joint="shoulder", angle="step5(t, 0, 0, 0.6, 1.2)")
+    made.add_driver("fold", joint="elbow", angle="step5(t, 0.1, 0, 0.8, -1.5)")
+    made.add_sensor("load", "position", of="load")
+    with pytest.raises(SolverError) as failed:
+        run(made)
+    said = str(failed.value).split("\n")[0]
+    assert f'mass matrix of partial coupling in its frame at interface "{interface}"' in said
+    assert "make it stiffer" not in said
+
+
+def test_stiffening_that_takes_mass_in_its_frame_is_told(tmp_path):
+    """By the least eigenvalue of the whole mass matrix, with the shape of the last row."""
+    made = driven_bar(frame="interface tip", geometric_stiffening="full")
+    del made.drivers["motor"]
+    made.add_driver("motor", joint="hinge", angle="4*t + 0.5*sin(30*t)")
+    with pytest.raises(SolverError) as failed:
+        flexmb.simulate(
+            made, duration=0.3, accuracy=1e-5, outputs=600, verify=False, output=tmp_path
+        )
+    said = str(failed.value).split("\n")[0]
+    assert 'geometric stiffening in its frame at interface "tip"' in said
+    assert 'take frame = "mean axis"' in said and "buckle" not in said
+    share = float(re.search(r"deflection of ([-\d.e]+) of its length", said)[1])
+
+    body = frame_at_interface(made.bodies["bar"].flexbody, "tip")
+    root, M = body.interface("root"), matrices_at_rest(body)[0]
+    D = body.Mab - body.centrifugal_stiffness
+    size = np.sqrt(np.diag(M))
+    eta = flexmb.load_result(tmp_path).q[-1, 7:]
+    rigid = root.Phi_t @ eta + np.cross(root.Phi_r @ eta, body.nodes.position - root.position)
+    eta = eta / np.linalg.norm(body.nodes.Phi_t @ eta - rigid, axis=1).max()  # of 1 m
+
+    def least(amount):
+        x = amount * eta
+        S = body.S0 + body.P @ x + (body.P @ x).T + np.einsum("abij,i,j->ab", D, x, x)
+        P = body.P + np.einsum("abij,i->abj", D, x)
+        changed, arm = M.copy(), skew(body.S1 + body.p @ x)
+        changed[:3, 3:6], changed[3:6, :3] = -arm, arm
+        changed[3:6, 3:6] = np.trace(S) * np.eye(3) - S
+        changed[3:6, 6:] = [P[1, 2] - P[2, 1], P[2, 0] - P[0, 2], P[0, 1] - P[1, 0]]
+        changed[6:, 3:6] = changed[3:6, 6:].T
+        held = np.zeros((5, len(M)))  # the place of the root, and its turns about x and y
+        held[:3] = np.hstack([np.eye(3), -skew(root.position + root.Phi_t @ x), root.Phi_t])
+        held[3:] = np.hstack([np.zeros((3, 3)), np.eye(3), root.Phi_r])[:2]
+        free = null_space(held / size) / size[:, None]
+        return np.linalg.eigvalsh(free.T @ changed @ free)[0]
+
+    assert least(0.9 * share) > 0.0 > least(1.1 * share)
+
+
 @pytest.mark.parametrize(
     ("frame", "coupling"),
     [("mean axis", "constant"), ("mean axis", "partial"), ("interface root", "constant"),

@@ -6,6 +6,8 @@ length (Timoshenko & Gere, Theory of Elastic Stability, §2.2): the rest beyond 
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from scipy.linalg import eigh
@@ -127,3 +129,63 @@ def test_nodes_come_nearer_as_the_body_bends(kind, tmp_path):
     for name, at in (("middle", A), ("end", L)):
         assert at - found[f"{name}.x"][0] == pytest.approx(shortening(at), rel=0.02)
     assert not [note for note in found.notes if "not stiffen" in note]
+
+
+@pytest.mark.parametrize(("at", "deflection", "is_told"), [(L, 0.08, True), (L, 0.01, False)])
+@pytest.mark.parametrize("is_cured", [False, True], ids=["from a file", "with its node"])
+def test_a_sensor_at_a_node_of_a_file_tells_what_it_lacks(at, deflection, is_told, is_cured):
+    """Of mean axes the node comes nearer by ∫ φ² dx/2, less its mean, φ the slope relative to them.
+
+    All of it is the shortening of the clamped bar, 3 w²/(5 L) at its tip, and the rest is shown.
+    """
+    options, EI = body("beam", False), E * H**4 / 12
+    del options["markers"]
+    made = flexmb.reduce(
+        options.pop("mesh"), **options, load_points=[[at, 0.0, 0.0]] if is_cured else []
+    )
+    model = Model("column")
+    model.add_body("bar", made, damping=0.05)
+    model.add_marker("bar.end", position=[at, 0.0, 0.0])
+    model.add_joint("root", "fixed", between=["ground", "bar.root"])
+    push = f"{1.5 * EI * deflection}*(1 - cos(2*pi*t))"
+    model.add_force("push", "force", at="bar.end", value=[0, 0, push])
+    model.add_sensor("end", "position", of="bar.end")
+    notes = flexmb.simulate(model, duration=1.0, accuracy=1e-4, verify=False).notes
+    told = [note for note in notes if "comes nearer" in note]
+    assert len(told) == (is_told and not is_cured)
+    if told:
+        x = np.polynomial.Polynomial([0.0, 1.0])
+        w = 1.5 * x**2 - 0.5 * x**3
+        slope = w.deriv() - 12 * (w * (x - 0.5)).integ()(1.0)
+        s = (0.5 * slope**2).integ()
+        share = abs(s(at) - s.integ()(1.0)) / (0.5 * w.deriv() ** 2).integ()(at)
+        number = float(re.search(r"about ([\d.]+) %", told[0])[1])
+        assert number == pytest.approx(100 * share / (1 - share), rel=0.15)
+        assert "--load-point 20)" in told[0]
+
+
+@pytest.mark.parametrize("axes", [{"relative_to": "hub", "axes": "hub"}, {"seen_from": "hub"}])
+def test_what_a_node_lacks_is_told_in_the_axes_of_the_sensor(axes):
+    """Beside the body that was reduced with it: seen from a hub that turns, not from the ground."""
+    found = []
+    for points in ([], [20]):
+        options = body("beam", False)
+        del options["markers"]
+        made = flexmb.reduce(options.pop("mesh"), **options, load_points=points)
+        model = Model("blade")
+        model.add_body("hub", mass=1.0, inertia=[0.1] * 3)
+        model.add_body("bar", made)
+        model.add_marker("bar.end", node=20)
+        model.add_joint("bearing", "revolute", between=["ground", "hub"], axis="z")
+        model.add_joint("clamp", "fixed", between=["hub", "bar.root"])
+        model.add_driver("motor", joint="bearing", angle="0.5*sin(20*t)")
+        model.add_sensor("near", "position", of="bar.end", **axes)
+        model.add_sensor("far", "position", of="bar.end")
+        found.append(flexmb.simulate(model, duration=0.4, accuracy=1e-5, verify=False))
+    (told,) = (note for note in found[0].notes if "comes nearer" in note)
+    x = [run["near.x"] for run in found]
+    share = np.abs(x[0] - x[1]).max() / np.ptp(x[0])
+    assert told.startswith("sensors.near:")
+    number = float(re.search(r"about ([\d.]+) %", told)[1])
+    assert number == pytest.approx(100 * share, rel=0.2)
+    assert not [note for note in found[1].notes if "comes nearer" in note]

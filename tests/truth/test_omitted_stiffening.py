@@ -410,3 +410,26 @@ def test_a_column_with_a_mass_of_its_own(place, most):
     ):  # Euler's load with the share of the own weight that buckles alone, Dunkerley
         weight, tip = 9.81 * 7850 * B * H / (7.837 * EI), 9.81 * 0.4 / (np.pi**2 / 4 * EI)
         assert found[0] == pytest.approx(weight + tip, rel=0.03)
+
+
+def test_a_sensor_that_does_not_see_the_bow_has_no_number():
+    """A slider at the end of a rod moves with the line between its joints."""
+    rod = {
+        "mesh": {"type": "beam", "length": 0.4, "divisions": 10}, "material": "steel", "modes": 4,
+        "sections": {"all": {"type": "rectangle", "y": 0.004, "z": 0.02}}, "position": [0.1, 0, 0],
+        "interfaces": {"a": "start", "b": "end"}, "frame": "interface b",
+    }  # fmt: skip
+    model = Model("crank", plane="xy")
+    model.add_body("crank", mass=1.0, inertia=[0.01] * 3)
+    model.add_marker("crank.pin", position=[0.1, 0, 0])
+    model.add_body("rod", **rod)
+    model.add_body("slider", mass=0.5, inertia=[0.01] * 3, position=[0.5, 0, 0])
+    for name, ends in (("bearing", ["ground", "crank"]), ("pin", ["crank.pin", "rod.a"]),
+                       ("wrist", ["rod.b", "slider"])):  # fmt: skip
+        model.add_joint(name, "revolute", between=ends, axis="z")
+    model.add_joint("guide", "prismatic", between=["ground", "slider"], axis="x")
+    model.add_driver("motor", joint="bearing", angle="60*t")
+    model.add_sensor("slider", "position", of="slider")
+    run = flexmb.simulate(model, duration=0.2, accuracy=1e-4, verify=False)
+    (note,) = [one for one in run.notes if LEFT_OUT in one]
+    assert "sensor" not in note

@@ -81,6 +81,13 @@ class MechanismModes:
         self._rigid = np.flatnonzero((self._scales > 0.0) & ~modal)
         self._rows = Decomposition.of(self._A[:, self._rigid])
 
+    def unit_motions(self) -> Array:
+        """(n, k) motions of unit mass that the joints leave, in the coordinates of the bodies."""
+        N = null_space(self._A, self._rows.S.max(initial=1.0))
+        values, X = np.linalg.eigh(N.T @ self._mass @ N)
+        massive = values > _NO_MASS * values.max(initial=0.0)
+        return np.asarray(self._scales[:, None] * (N @ (X[:, massive] / np.sqrt(values[massive]))))
+
     @cached_property
     def flexible(self) -> list[int]:
         """Numbers of the flexible bodies that are not kinetostatic."""

@@ -1,4 +1,4 @@
-"""Whether the mass matrix of partial coupling stays positive as a body deforms.
+"""Whether the mass matrix stays positive as a body deforms.
 
 M(η) = M₀ + M₁ + M₂, where M₁ is linear in η and M₂ quadratic. Partial coupling leaves out M₂, and
 constant coupling both. M₁ changes only the inertia of the frame, by the displaced centre of mass
@@ -8,6 +8,10 @@ motion over its mass. M₀ + M₁ is not positive from λ = −1 on, and such a 
 as it slows down. In mean axes that takes a deflection of the size of the body, or of its section if
 it turns about its own axis. In a frame at an interface the frame turns with each vibration, against
 the rest of the body, so that Q is large and λ reaches −1 by deflections far smaller.
+
+Full coupling without stiffening is positive. Stiffening takes tr(k) I − k, k = ηᵀK^{ab}η, from the
+inertia of the frame, as its mean rotation needs it; a frame at an interface lacks it also in its
+vibrations, whose mass is smaller.
 """
 
 from __future__ import annotations
@@ -18,13 +22,13 @@ from functools import partial
 
 import numpy as np
 
+from flexmb.analysis.assembly.jacobian import MAX_COORDINATES
+from flexmb.analysis.assembly.mechanism_modes import MechanismModes
 from flexmb.analysis.monitors import Indicator
 from flexmb.analysis.validity.linear_elasticity import (
     LARGEST_DEFLECTION,
-    constraint_jacobian,
     flexible_columns,
     joined_frame,
-    joined_motions,
     largest_lengths,
     relative_motion,
 )
@@ -33,6 +37,7 @@ from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, skew
 from flexmb.model.flexible_body import MEAN_AXIS, FlexibleBodySpec
+from flexmb.model.markers import rotation_matrix
 from flexmb.model.model import Model
 from flexmb.results.output_block import OutputBlock
 
@@ -41,20 +46,35 @@ _LOST = 1.0  # change over the mass at which the mass of a motion is lost
 
 @dataclass(frozen=True, eq=False)
 class _WatchedBody:
-    """A body whose coupling leaves out what depends on the deformation to second order."""
+    """A body whose mass matrix may lose its sign."""
 
     columns: BodyColumns
     coupling: str
     interface: str | None  # at which its frame is fixed
     root: Array  # (6, 6) with root rootᵀ = Q
     change: Array  # (6, 6, m) M₁ per unit eta
+    stiffening: Array | None  # (3, 3, m, m) K^{ab} of a body with full coupling
     deflection: Array  # (3 k, m) displacements of points per unit eta, over its length
+
+    def changes(self, eta: Array) -> Array:
+        """(t, 6, 6) changes of the inertia of the frame that may take its sign."""
+        if self.stiffening is None:
+            return np.asarray(np.einsum("abm,tm->tab", self.change, eta))
+        k = np.einsum("abij,ti,tj->tab", self.stiffening, eta, eta)
+        change = np.zeros((len(eta), 6, 6))
+        change[:, 3:, 3:] = k - np.trace(k, axis1=1, axis2=2)[:, None, None] * np.eye(3)
+        return change
+
+    def lossy_deflection(self, change: float, deflection: float) -> float:
+        """Deflection over the length from which on a mass is lost, if one changes it so."""
+        return float(deflection / change ** (1.0 if self.stiffening is None else 0.5))
 
 
 class DeformedInertiaMonitor:
     """Evaluates the change of the mass of bodies whose inertia coupling is not full.
 
-    Those with constant coupling are evaluated only in a frame at an interface.
+    Those with constant coupling are evaluated only in a frame at an interface, as those with full
+    coupling and stiffening.
 
     Parameters
     ----------
@@ -66,23 +86,26 @@ class DeformedInertiaMonitor:
 
     def __init__(self, compiled: Compiled, model: Model, q: Array) -> None:
         self._units, self._bodies = model.units, list[_WatchedBody]()
-        Cq = None
+        motions = None
         for columns, body in flexible_columns(compiled):
             spec = model.bodies[columns.name]
-            if not isinstance(spec, FlexibleBodySpec) or spec.inertia_coupling == "full":
+            if not isinstance(spec, FlexibleBodySpec) or spec.deformation == "quasi-static":
                 continue
-            if spec.deformation == "quasi-static" or (
-                spec.inertia_coupling == "constant" and spec.frame_interface is None
-            ):
+            stiffening = body.centrifugal_stiffness if spec.inertia_coupling == "full" else None
+            if spec.frame_interface is None and spec.inertia_coupling != "partial":
                 continue
-            Cq = constraint_jacobian(compiled, q) if Cq is None else Cq
-            U, sizes, _ = np.linalg.svd(joined_motions(body, columns, q, Cq).frame)
-            root = U[:, : len(sizes)] * sizes
+            if spec.inertia_coupling == "full" and stiffening is None:
+                continue
+            motions = _unit_motions(compiled, q) if motions is None else motions
+            frame = motions[columns.iv : columns.iv + 6].copy()
+            frame[:3] = rotation_matrix(q[columns.iq + 3 : columns.iq + 7]).T @ frame[:3]
+            U, sizes, _ = np.linalg.svd(frame, full_matrices=False)
+            root = U * sizes
             deflection, _ = relative_motion(body, joined_frame(body, columns.name, model))
             coupling, interface = spec.inertia_coupling, spec.frame_interface
             change = first_order_inertia(body)
             self._bodies.append(
-                _WatchedBody(columns, coupling, interface, root, change, deflection)
+                _WatchedBody(columns, coupling, interface, root, change, stiffening, deflection)
             )
         # change of the mass over the mass, its time, and the deflection over the length there
         self._largest = np.zeros((3, len(self._bodies)))
@@ -92,11 +115,10 @@ class DeformedInertiaMonitor:
         for k, one in enumerate(self._bodies if len(rows.t) else ()):
             first = one.columns.iq + 7
             eta = rows.q[:, first : first + one.columns.m]
-            change = np.einsum("abm,tm->tab", one.change, eta)
-            values = np.linalg.eigvalsh(one.root.T @ change @ one.root)
+            values = np.linalg.eigvalsh(one.root.T @ one.changes(eta) @ one.root)
             if not values.shape[1]:
                 continue
-            lost = -values[:, 0] if one.coupling == "partial" else np.abs(values).max(axis=1)
+            lost = np.abs(values).max(axis=1) if one.coupling == "constant" else -values[:, 0]
             row = int(lost.argmax())
             if lost[row] > self._largest[0, k]:
                 deflection = largest_lengths(eta[row : row + 1], one.deflection)[0]
@@ -108,15 +130,16 @@ class DeformedInertiaMonitor:
         """The change of the mass of each body; constant coupling has no note of its own."""
         for k, one in enumerate(self._bodies):
             change, t, _ = self._largest[:, k]
-            warning = _LOST if one.coupling == "partial" else np.inf
+            warning = np.inf if one.coupling == "constant" else _LOST
             text = partial(self._sentence, one, k)
             yield Indicator(one.columns.name, "inertia", float(change), float(t), warning, text)
 
     def diverging(self) -> str:
-        """The sentence on a body whose mass is lost by deflections that are small, or ""."""
+        """The sentence on a body whose mass is lost by small deflections or its frame, or ""."""
         for k, one in enumerate(self._bodies):
             change, _, deflection = self._largest[:, k]
-            if change > _LOST and deflection < LARGEST_DEFLECTION * change:
+            small = one.lossy_deflection(max(change, _LOST), deflection) < LARGEST_DEFLECTION
+            if change > _LOST and (small or one.stiffening is not None):
                 return self._sentence(one, k)
         return ""
 
@@ -126,7 +149,7 @@ class DeformedInertiaMonitor:
         It is the cause where a run misses energy.
         """
         for k, one in enumerate(self._bodies):
-            if one.interface is not None:
+            if one.interface is not None and one.stiffening is None:
                 return self._sentence(one, k)
         return ""
 
@@ -134,20 +157,29 @@ class DeformedInertiaMonitor:
         change, t, deflection = self._largest[:, k]
         where, at = f"bodies.{one.columns.name}", self._units.say(t, "s", 4)
         frame = "" if one.interface is None else f' in its frame at interface "{one.interface}"'
-        cure = 'take inertia_coupling = "full"'
-        cure += "" if one.interface is None else f', or frame = "{MEAN_AXIS}"'
+        cures = [] if one.coupling == "full" else ['inertia_coupling = "full"']
+        cures += [] if one.interface is None else [f'frame = "{MEAN_AXIS}"']
+        cure = "take " + ", or ".join(cures)
         if change <= _LOST:
             return f"{where}: {one.coupling} coupling{frame} does not keep energy; {cure}"
-        from_on = f"a deflection of {deflection / change:.2g} of its length"
+        from_on = f"a deflection of {one.lossy_deflection(change, deflection):.2g} of its length"
+        what = "geometric stiffening" if one.coupling == "full" else "partial coupling"
         if one.coupling == "constant":
             return (
                 f"{where}: constant coupling{frame} leaves out changes of its mass that are larger "
                 f"than the mass from {from_on} on (t = {at}), and makes energy; {cure}"
             )
         return (
-            f"{where}: the mass matrix of partial coupling{frame} is not positive from {from_on} "
+            f"{where}: the mass matrix of {what}{frame} is not positive from {from_on} "
             f"on (t = {at}), and the equations diverge; {cure}"
         )
+
+
+def _unit_motions(compiled: Compiled, q: Array) -> Array:
+    """(nv, k) motions of unit mass that the joints leave; of too large models those of no body."""
+    if compiled.layout.nv > MAX_COORDINATES:
+        return np.zeros((compiled.layout.nv, 1))
+    return MechanismModes(compiled, q, list(range(len(compiled.layout.bodies)))).unit_motions()
 
 
 def first_order_inertia(body: FlexBody) -> Array:

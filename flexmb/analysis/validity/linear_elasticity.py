@@ -366,3 +366,8 @@ def in_body_axes(p: Array, vectors: Array) -> Array:
     e0, e = p[:, :1], p[:, 1:]
     across = np.cross(e, vectors)
     return np.asarray(vectors + 2.0 * (np.cross(e, across) - e0 * across))
+
+
+def in_global_axes(p: Array, vectors: Array) -> Array:
+    """(t, 3) the other way round."""
+    return in_body_axes(p * [1.0, -1.0, -1.0, -1.0], vectors)

@@ -227,9 +227,10 @@ def _lowest_frequency(compiled: Compiled, q: Array) -> float:
     every = list(range(len(compiled.layout.bodies)))
     flexible = [k for k in every if compiled.layout.bodies[k].m]
     try:
-        return float(MechanismModes(compiled, q, every).vibrations(*flexible).omega[0])
+        omega = MechanismModes(compiled, q, every).vibrations(*flexible).omega
     except AssemblyError:  # motions without inertia
         return 0.0
+    return float(omega[0]) if len(omega) else 0.0  # none if all modes follow their loads
 
 
 def slender_axis(body: FlexBody, ratio: float = _SLENDER) -> tuple[Array, float]:

@@ -1,4 +1,4 @@
-"""What geometric stiffening would change in slender bodies that are computed without it.
+"""What geometric stiffening would change in slender bodies, and at sensors, that are without it.
 
 The deformation η of each row is compared with η', that with stiffening
 (:mod:`flexmb.analysis.validity.joined_body`): η' − η is told at the position sensors on the body
@@ -6,11 +6,15 @@ and on bodies joined to it, over their range, and over the deflection.
 
 The load factor, whether the forces would buckle the body, is the largest eigenvalue of −C Kj, with
 C the compliance of its modes in the mechanism and Kj their geometric stiffness.
+
+A stiffened body knows the displacements of second order of its interfaces and of those nodes with
+which it was reduced. That of another node, where a sensor measures, is from an interface on
+∫ θ × (θ × ds)/2, with the rotations θ of the nodes between.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import pairwise
 
@@ -27,7 +31,12 @@ from flexmb.analysis.validity.joined_body import (
     changes,
     largest_sensor_change,
 )
-from flexmb.analysis.validity.linear_elasticity import largest_lengths
+from flexmb.analysis.validity.linear_elasticity import (
+    flexible_columns,
+    in_body_axes,
+    in_global_axes,
+    largest_lengths,
+)
 from flexmb.analysis.validity.load_factor import (
     LoadFactorMonitor,
     period_means,
@@ -35,9 +44,14 @@ from flexmb.analysis.validity.load_factor import (
     stretch,
 )
 from flexmb.engine.compile import Compiled
+from flexmb.engine.tables import BodyColumns
+from flexmb.flexbody import Interface
 from flexmb.flexbody.arrays import Array
+from flexmb.flexbody.parts import NodeModes
 from flexmb.flexbody.static_response import LEAST_MOTION
+from flexmb.model.lookup import place_marker
 from flexmb.model.model import Model
+from flexmb.model.sensor import MarkerSensorSpec
 from flexmb.results.output_block import OutputBlock
 from flexmb.units import percent
 
@@ -49,6 +63,8 @@ _MIN_SHARE_OF_RUN = 0.1  # share of a run after which it may be refused
 _VISIBLE = 1e-3  # change of a sensor below which that of the deflection does not matter
 # Share of the largest first estimate so far from which on a row is computed exactly.
 _WORTH = 0.5
+_NEAR_NODES, _SHORT_STEPS = 13, 3.0  # of a way along a body; power of its lengths
+_LEAST_RANGE = 0.01  # of a channel, over the largest of its sensor, below which it is not judged
 
 
 class OmittedStiffeningMonitor:
@@ -67,13 +83,9 @@ class OmittedStiffeningMonitor:
     """
 
     def __init__(
-        self,
-        compiled: Compiled,
-        model: Model,
-        q: Array,
-        load_factor: LoadFactorMonitor,
+        self, compiled: Compiled, model: Model, q: Array, load_factor: LoadFactorMonitor,
         is_motion: bool,
-    ) -> None:
+    ) -> None:  # fmt: skip
         self._units, self._loads, self._is_motion = model.units, load_factor.loads, is_motion
         self._gravity = np.array(model.gravity or (0.0, 0.0, 0.0))
         self._bars = (
@@ -210,19 +222,15 @@ class OmittedStiffeningMonitor:
         return largest_sensor_change(one.body, one.sensors, ranges, change)
 
     def _sentence(
-        self,
-        one: SlenderBar,
-        share: float,
-        seen: float | None,
-        t: float,
-        force: float,
-        tension: float,
-    ) -> str:
+        self, one: SlenderBar, share: float, seen: float | None, t: float, force: float, tension:
+        float,
+    ) -> str:  # fmt: skip
         at, say = self._units.say(t, "s", 4), partial(self._units.say, unit="N", digits=2)
         cause = f"it is {'pulled' if force > 0 else 'compressed'} with {say(abs(force))}"
         if tension > abs(force):
             cause = f"its joints hold the ends that its bow pulls together, with {say(tension)}"
-        sensors = "" if not seen else f" and a sensor by {percent(seen)} of its range"
+        seen = seen or 0.0
+        sensors = f" and a sensor by {percent(seen)} of its range" if seen > _VISIBLE else ""
         return (
             f"bodies.{one.columns.name}: geometric stiffening is left out, which would change its "
             f"deflection by about {percent(share)}{sensors} (t = {at}: {cause}); reduce it with "
@@ -235,6 +243,117 @@ class OmittedStiffeningMonitor:
             f"{value:.2g} of the load that buckles it, yet its forces do not soften it; reduce it "
             'with geometric_stiffening = "full"'
         )
+
+
+class OmittedBendMonitor:
+    """Estimates what position sensors lack at nodes of stiffened bodies."""
+
+    def __init__(self, compiled: Compiled, model: Model) -> None:
+        self._units, self._channels = model.units, compiled.layout.channels
+        self._sensors = list(_sensors_without_bend(compiled, model))
+        self._least, self._most = np.array(np.inf), np.array(-np.inf)  # range of all channels
+        self._largest = np.zeros((len(self._sensors), 4))  # change along each axis, its time
+
+    def add(self, rows: OutputBlock) -> None:
+        """Add the next rows."""
+        if not self._sensors or not len(rows.t):
+            return
+        self._least = np.minimum(self._least, rows.sensors.min(axis=0))
+        self._most = np.maximum(self._most, rows.sensors.max(axis=0))
+        self._largest = largest = self._largest.copy()
+        for before, (_, columns, _, bend, seen) in zip(largest, self._sensors, strict=True):
+            modes = slice(columns.iq + 7, columns.iq + 7 + columns.m)
+            moved = np.einsum("ti,aij,tj->ta", rows.q[:, modes], bend, rows.q[:, modes])
+            moved = in_global_axes(rows.q[:, columns.iq + 3 : columns.iq + 7], moved / 2)
+            iq, R = seen
+            moved = moved if iq < 0 else in_body_axes(rows.q[:, iq + 3 : iq + 7], moved)
+            moved = np.abs(moved @ R)
+            if moved.max() > before[:3].max():
+                before[3] = rows.t[int(moved.max(axis=1).argmax())]
+            before[:3] = np.maximum(before[:3], moved.max(axis=0))
+
+    def indicators(self) -> Iterator[Indicator]:
+        """What each sensor lacks, over the range of its channel."""
+        ranges = np.broadcast_to(self._most - self._least, len(self._channels))
+        for (name, columns, node, *_), (*change, t) in zip(
+            self._sensors, self._largest, strict=True
+        ):
+            own = [k for k, one in enumerate(self._channels) if one.partition(".")[0] == name]
+            least = max(_LEAST_RANGE * ranges[own].max(), np.finfo(float).tiny)
+            axes = {k: "xyz".find(self._channels[k][-1]) for k in own if ranges[k] > least}
+            share = max((float(change[axis] / ranges[k]) for k, axis in axes.items()), default=0.0)
+            words = (
+                f"sensors.{name}: bodies.{columns.name} does not know how node {node} comes nearer "
+                f"as it bends, about {percent(share)} of the range of the sensor (t = "
+                f"{self._units.say(t, 's', 4)}); make the node an interface, or reduce the body "
+                f"with it among its load_points (flexmb reduce --load-point {node})"
+            )
+            level = LARGEST_SENSOR_CHANGE
+            yield Indicator(columns.name, "bend", share, t, level, partial(str, words))
+
+
+def _sensors_without_bend(
+    compiled: Compiled, model: Model
+) -> Iterator[tuple[str, BodyColumns, int, Array, tuple[int, Array]]]:
+    """Sensors at such nodes: name, body, node, about its bend (3, m, m); their axes: the first
+    column in q of a body, -1 of the ground, and a matrix (3, 3) in its axes."""
+    first = {one.name: one.iq for one in compiled.layout.bodies}
+    for columns, body in flexible_columns(compiled):
+        nodes = body.nodes
+        if body.centrifugal_stiffness is None or nodes is None or nodes.Phi_r is None:
+            continue
+        for name, spec in model.sensors.items():
+            if not isinstance(spec, MarkerSensorSpec) or spec.type != "position":
+                continue
+            for marker in (spec.of, spec.relative_to or ""):
+                if marker.partition(".")[0] != columns.name:
+                    continue
+                place = place_marker(model, marker, compiled.flexbodies)
+                if place.bend is None and place.Phi_t is not None:
+                    away = ((nodes.position - place.rho) ** 2).sum(axis=1)
+                    bend = _bend_beside_interfaces(body.interfaces, nodes, nodes.Phi_r, place.rho)
+                    axes = spec.axes if spec.seen_from is None else spec.seen_from
+                    R, owner = np.eye(3), axes.partition(".")[0]
+                    if axes != "global":
+                        R = place_marker(model, axes, compiled.flexbodies).R
+                    yield (
+                        name,
+                        columns,
+                        int(nodes.ids[away.argmin()]),
+                        bend,
+                        (first.get(owner, -1), R),
+                    )
+
+
+def _bend_beside_interfaces(
+    interfaces: Sequence[Interface], nodes: NodeModes, turns: Array, place: Array
+) -> Array:
+    """About the (3, m, m) bend at a place, from that of the interface with the shortest way on.
+
+    The way goes from node to near node, as the material does.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import dijkstra
+    from scipy.spatial import cKDTree
+
+    x, tree = nodes.position, cKDTree(nodes.position)
+    far, near = tree.query(x, k=min(_NEAR_NODES, len(x)))
+    end, starts = int(tree.query(place)[1]), tree.query([one.position for one in interfaces])[1]
+    rows = np.append(np.repeat(np.arange(len(x)), near.shape[1]), starts)
+    lengths = np.append(far**_SHORT_STEPS, np.full(len(starts), len(x) * far.max() ** _SHORT_STEPS))
+    columns = np.append(near, np.full(len(starts), end))  # a way even to what has no near nodes
+    graph = coo_array((lengths, (rows, columns)), shape=(len(x), len(x))).tocsr()
+    away, before = dijkstra(graph, directed=False, indices=end, return_predecessors=True)
+    which = int(away[starts].argmin())
+    way = [int(starts[which])]
+    while way[-1] != end:
+        way.append(int(before[way[-1]]))
+    first, last, middle = turns[way[:-1]], turns[way[1:]], 0.5 * (turns[way[1:]] + turns[way[:-1]])
+    Phi_r = np.concatenate([first, 2.0 * middle, last]) / 6.0**0.5
+    steps = np.tile(np.diff(x[way], axis=0), (3, 1))
+    both = np.einsum("jam,jcn,jc->amn", Phi_r, Phi_r, steps)
+    both = 0.5 * (both + both.swapaxes(1, 2)) - np.einsum("ja,jcm,jcn->amn", steps, Phi_r, Phi_r)
+    return np.asarray(interfaces[which].bend - both)
 
 
 def _root(C: Array) -> Array:

@@ -25,7 +25,7 @@ from flexmb.analysis.validity.linear_elasticity import (
 )
 from flexmb.analysis.validity.load_factor import LoadFactorMonitor
 from flexmb.analysis.validity.modal_basis import ModalBasisMonitor
-from flexmb.analysis.validity.omitted_stiffening import OmittedStiffeningMonitor
+from flexmb.analysis.validity.omitted_stiffening import OmittedBendMonitor, OmittedStiffeningMonitor
 from flexmb.analysis.validity.omitted_vibrations import OmittedVibrationMonitor, VibrationResponse
 from flexmb.engine.compile import Compiled
 from flexmb.engine.state import State
@@ -74,6 +74,7 @@ class ValidityMonitor:
                 self._elasticity,
                 self._load_factor,
                 bars,
+                OmittedBendMonitor(compiled, model),
                 *_membrane_monitors(compiled, model, bars.bows),
                 *((self._inertia,) if self._inertia else ()),
                 self._basis,
@@ -172,9 +173,12 @@ class ValidityMonitor:
 def _inertia_monitor(
     compiled: Compiled, model: Model, q: NDArray[np.float64]
 ) -> DeformedInertiaMonitor | None:
-    """The monitor of bodies whose inertia coupling is not full, if there are any."""
-    specs = model.bodies.values()
-    if all(getattr(spec, "inertia_coupling", "full") == "full" for spec in specs):
+    """The monitor of bodies whose inertia coupling or frame may lose mass, if there are any."""
+    if all(
+        getattr(spec, "inertia_coupling", "full") == "full"
+        and getattr(spec, "frame_interface", None) is None
+        for spec in model.bodies.values()
+    ):
         return None
     from flexmb.analysis.validity.deformed_inertia import DeformedInertiaMonitor
 

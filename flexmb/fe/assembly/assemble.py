@@ -9,7 +9,7 @@ model under stress is K + K_g. Source: Zienkiewicz, Taylor, The Finite Element M
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from typing import Any, TypeVar
@@ -39,13 +39,14 @@ from flexmb.fe.assembly.springs import (
 from flexmb.fe.elements.element_blocks import Block, select_elements
 from flexmb.fe.linear_solver import require_memory
 from flexmb.fe.meshes.mesh import Mesh
-from flexmb.flexbody.arrays import FloatArray, rotation_stiffness
+from flexmb.flexbody.arrays import FloatArray, IntArray, rotation_stiffness
 from flexmb.flexbody.mesh_options import MASS_MATRICES
 from flexmb.materials import AnyMaterial
 from flexmb.progress import Progress, silent
 
 T = TypeVar("T")
 
+_TABLES = 64  # matrices of an element for many stresses: few elements at a time fit into caches
 _BYTES = 18.0  # measured bytes of memory per entry of the element matrices, mass included
 
 
@@ -179,16 +180,11 @@ class FEMatrices:
 
 
 def assemble(
-    mesh: Mesh,
-    material: AnyMaterial,
-    sections: Mapping[str, Any] | None = None,
-    progress: Progress = silent,
-    *,
-    ties: Mapping[str, Mapping[str, Any]] | None = None,
-    masses: Mapping[str, Mapping[str, Any]] | None = None,
-    springs: Mapping[str, Mapping[str, Any]] | None = None,
+    mesh: Mesh, material: AnyMaterial, sections: Mapping[str, Any] | None = None, progress:
+    Progress = silent, *, ties: Mapping[str, Mapping[str, Any]] | None = None, masses: Mapping[str,
+    Mapping[str, Any]] | None = None, springs: Mapping[str, Mapping[str, Any]] | None = None,
     mass_matrix: str = "consistent",
-) -> FEMatrices:
+) -> FEMatrices:  # fmt: skip
     """Build stiffness, mass and inertia.
 
     Parameters
@@ -231,15 +227,10 @@ def assemble(
 
 
 def make_model(
-    mesh: Mesh,
-    material: AnyMaterial | None,
-    sections: Mapping[str, Any] | None,
-    collector: ProblemCollector,
-    *,
-    ties: Mapping[str, Mapping[str, Any]] | None = None,
-    masses: Mapping[str, Mapping[str, Any]] | None = None,
-    springs: Mapping[str, Mapping[str, Any]] | None = None,
-) -> MeshModel | None:
+    mesh: Mesh, material: AnyMaterial | None, sections: Mapping[str, Any] | None, collector:
+    ProblemCollector, *, ties: Mapping[str, Mapping[str, Any]] | None = None, masses: Mapping[str,
+    Mapping[str, Any]] | None = None, springs: Mapping[str, Mapping[str, Any]] | None = None,
+) -> MeshModel | None:  # fmt: skip
     """The elements, degrees of freedom, point masses, springs and ties of a model.
 
     ``collector`` collects the problems; the other parameters are those of :func:`assemble`. None is
@@ -368,15 +359,54 @@ def geometric_stiffness(
     direct : (n_all,) float, optional
         Other loads, of constant direction, as they act on nodes that follow a tie.
     """
-    everywhere, table = fe.expand(u), fe.numbering.table
+    everywhere, within = fe.expand(u), None if fe.lumped else field
     total = Accumulator(fe.numbering.n_all)
-    within = None if fe.lumped else field
+    for block, nodes, dofs in _chunks(fe):
+        elements = (fe.mesh.points[nodes], block.section, everywhere[dofs])
+        total.add(block.family.geometric_stiffness(*elements, within), dofs)
+    _add_beside_elements(fe, total, everywhere, field, direct)
+    return fe.condensed(total.matrix())
+
+
+def geometric_forms(
+    fe: FEMatrices, modes: FloatArray, U: FloatArray, fields: Sequence[FloatArray],
+    progress: Callable[[float], None] = lambda _: None,
+) -> FloatArray:  # fmt: skip
+    """(k, m, m) geometric stiffness of modes (n, m) by displacements U (n, k) under ``fields``.
+
+    As ``geometric_stiffness`` of each, without its matrix; ``progress`` takes the share done.
+    """
+    everywhere, Phi = fe.expand(U), fe.expand(modes)
+    forms = np.zeros((len(fields), *2 * modes.shape[1:]))
+    total, done = sum(len(block.nodes) for block in fe.blocks), 0
+    for block, nodes, dofs in _chunks(fe, _TABLES):
+        stiffness = block.family.stress_stiffness(fe.mesh.points[nodes], block.section)
+        X = Phi[dofs]
+        for k, (u, field) in enumerate(zip(everywhere.T, fields, strict=True)):
+            K = stiffness(u[dofs], None if fe.lumped else field)
+            forms[k] += X.reshape(-1, X.shape[2]).T @ (K @ X).reshape(-1, X.shape[2])
+        done += len(nodes)
+        progress(done / total)
+    for k, (u, field) in enumerate(zip(everywhere.T, fields, strict=True)):
+        rest = Accumulator(fe.numbering.n_all)
+        _add_beside_elements(fe, rest, u, field, None)
+        forms[k] += Phi.T @ (rest.matrix() @ Phi)
+    return forms
+
+
+def _chunks(fe: FEMatrices, matrices: int = 1) -> Iterator[tuple[Block, IntArray, IntArray]]:
+    """Block, nodes and degrees of freedom of some elements at a time, with so many matrices."""
     for block in fe.blocks:
-        family, width = block.family, 6 if block.family.rotations else 3
-        for nodes in block.chunks():
-            dofs = fe.numbering.of(nodes, width)
-            elements = (fe.mesh.points[nodes], block.section, everywhere[dofs])
-            total.add(family.geometric_stiffness(*elements, within), dofs)
+        for nodes in block.chunks(matrices):
+            yield block, nodes, fe.numbering.of(nodes, 6 if block.family.rotations else 3)
+
+
+def _add_beside_elements(
+    fe: FEMatrices, total: Accumulator, everywhere: FloatArray, field: FloatArray | None,
+    direct: FloatArray | None,
+) -> None:  # fmt: skip
+    """Add the geometric stiffness of springs, ties and masses to ``total`` (n_all, n_all)."""
+    table = fe.numbering.table
     for spring in fe.springs:
         total.add(*spring_geometric_stiffness(spring, fe.numbering, fe.mesh.points, everywhere))
     if fe.follow is not None and fe.tied_stiffness is not None:
@@ -392,4 +422,3 @@ def geometric_stiffness(
     if field is not None and len(fe.nodal.nodes):
         moments = fe.nodal.moments(fe.mesh.points, field)
         total.add(-rotation_stiffness(moments), table[fe.nodal.nodes, 3:])
-    return fe.condensed(total.matrix())

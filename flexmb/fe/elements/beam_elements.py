@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from skfem import CellBasis, ElementLineHermite, ElementLineP1, MeshLine
 
-from flexmb.fe.elements.element_family import ComponentMass
+from flexmb.fe.elements.element_family import ComponentMass, SeparateStresses
 from flexmb.fe.sections.beam_chain import BoundBeam, local_axes, section_values
 from flexmb.flexbody.arrays import FloatArray, IntArray, rotation_stiffness, skew
 
@@ -257,7 +257,7 @@ def section_forces(fields: BeamFields) -> FloatArray:
     return ends
 
 
-class _Line:
+class _Line(SeparateStresses):
     """Two-node beam."""
 
     kind = "line"

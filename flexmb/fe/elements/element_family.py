@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Protocol
 
 import numpy as np
@@ -27,6 +28,7 @@ from skfem.refdom import RefHex, RefLine, RefTet, RefTri
 from flexmb.flexbody.arrays import FloatArray, IntArray
 
 Faces = tuple[tuple[int, ...], ...]
+StressStiffness = Callable[..., FloatArray]
 STRESS = ("xx", "yy", "zz", "yz", "zx", "xy")
 """Order of stress components."""
 
@@ -112,6 +114,10 @@ class Family(Protocol):
         """
         ...
 
+    def stress_stiffness(self, x: FloatArray, section: Any) -> StressStiffness:
+        """``geometric_stiffness`` of u and ``field``, for many stresses in the same elements."""
+        ...
+
     def stress_layers(self, section: Any) -> tuple[str, ...]:
         """Names of the places across the section where stress is reported: top, bottom, ..."""
         ...
@@ -141,6 +147,14 @@ _HEX = np.array([[r, s, t] for t in (0, 1) for r, s in ((0, 0), (1, 0), (1, 1), 
 _WEDGE = np.array([[r, s, t] for t in (0, 1) for r, s in ((0, 0), (1, 0), (0, 1))], float)
 _HEX_FACES = [[a, 0.5, 0.5] for a in (0, 1)], [[0.5, a, 0.5] for a in (0, 1)]
 _HEX27 = np.array([*_HEX_FACES[0], *_HEX_FACES[1], [0.5, 0.5, 0], [0.5, 0.5, 1], [0.5] * 3])
+
+
+class SeparateStresses:
+    """A family whose stresses have nothing in common but the nodes."""
+
+    def stress_stiffness(self: Family, x: FloatArray, section: Any) -> StressStiffness:
+        """As of `Family`."""
+        return partial(self.geometric_stiffness, x, section)
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,12 +10,13 @@ would have no mass if all are equal.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from flexmb.fe.elements.element_family import ComponentMass
+from flexmb.fe.elements.element_family import ComponentMass, StressStiffness
 from flexmb.fe.elements.shell_fields import (
     EDGES,
     Fields,
@@ -179,7 +180,11 @@ class Shell:
     def geometric_stiffness(
         self, x: FloatArray, section: ShellSection, u: FloatArray, field: FloatArray | None = None
     ) -> FloatArray:
-        """(ne, d, d) geometric stiffness of the stress that displacements u (ne, d) cause.
+        """(ne, d, d) geometric stiffness of the stress that displacements u (ne, d) cause."""
+        return self.stress_stiffness(x, section)(u, field)
+
+    def stress_stiffness(self, x: FloatArray, section: ShellSection) -> StressStiffness:
+        """Geometric stiffness (ne, d, d) of displacements u (ne, d), and of a ``field``.
 
         int N_ab u_c,a u_c,b + 2 M_ab u_c,a beta_c,b over the displacements c of the mid-surface,
         with membrane forces N and moments M; along the edges, the forces conjugate to the edge
@@ -189,63 +194,77 @@ class Shell:
         fields = make_fields(self.kind, x, section)
         flat, points = fields.flat, make_points(fields.flat, shell_functions(self.kind, "mass"))
         ne, nq = points.area.shape
-        strains = np.einsum("eqid,ed->eqi", points.strains(fields), u)
-        N, M = np.split((strains @ section.laminate.ABD.T) * points.area[..., None], 2, axis=2)
-        forces = sum(_internal_forces(*part, u) for part in self._strains(fields, section))
-        forces = forces.reshape(ne, -1, 2, 3) @ flat.axes[:, None]  # element axes
-        H = points.gradients(fields)
-        d, pairs = H.shape[-1], [[0, 2], [2, 1]]
-        work = np.matmul(N[..., pairs], H[..., :3, :].reshape(ne, nq, 2, -1))
-        work = work.reshape(ne, nq, 2, 3, d)
-        bent = np.matmul(M[..., pairs], H[..., 3:, :].reshape(ne, nq, 2, -1))
-        work[..., :2, :] += 2 * bent.reshape(ne, nq, 2, 2, d)
-        slopes = H[..., :3, :].reshape(ne, nq * 6, d)
-        K = np.matmul(slopes.transpose(0, 2, 1), work.reshape(ne, nq * 6, d))
-        K += self._edge_work(fields, section, u)
-        K = 0.5 * (K + K.transpose(0, 2, 1))
-        if field is not None:
-            forces = forces - self._load_per_mass(fields, section, field)
-        k = forces.shape[1]
-        moments = np.zeros((ne, k, 3, 3))  # n x (moment x n + arm n.f) at each node
-        moments[:, :, 2, 0], moments[:, :, 2, 1] = forces[:, :, 1, 1], -forces[:, :, 1, 0]
-        moments[:, :, 2, 2] = (section.offset - flat.height) * forces[:, :, 0, 2]
-        axes = flat.axes[:, None]
-        turns = axes @ rotation_stiffness(moments) @ axes.transpose(0, 1, 3, 2)
-        nodes = np.arange(k)
-        K.reshape(ne, k, 2, 3, k, 2, 3)[:, nodes, 1, :, nodes, 1] += turns.swapaxes(0, 1)
-        return K
+        rows, parts, per_mass = points.strains(fields), self._strains(fields, section), list[Any]()
+        edge_work, H = self._edge_work(fields, section), points.gradients(fields)
+        d, pairs, k = H.shape[-1], [[0, 2], [2, 1]], flat.height.shape[1]
+        stretched, turned = (
+            H[..., part, :].reshape(ne, nq, 2, -1) for part in (slice(3), slice(3, None))
+        )
+        slopes = stretched.reshape(ne, nq * 6, d).transpose(0, 2, 1)
 
-    def _edge_work(self, fields: Fields, section: ShellSection, u: FloatArray) -> FloatArray:
-        """(ne, d, d) forces conjugate to g of each edge, times the mean of 2 u_c,s beta_c over the
-        edge.
+        def stiffness(u: FloatArray, field: FloatArray | None = None) -> FloatArray:
+            strains = np.einsum("eqid,ed->eqi", rows, u)
+            N, M = np.split((strains @ section.laminate.ABD.T) * points.area[..., None], 2, axis=2)
+            forces = sum(_internal_forces(*part, u) for part in parts)
+            forces = forces.reshape(ne, -1, 2, 3) @ flat.axes[:, None]  # element axes
+            work = np.matmul(N[..., pairs], stretched).reshape(ne, nq, 2, 3, d)
+            work[..., :2, :] += 2 * np.matmul(M[..., pairs], turned).reshape(ne, nq, 2, 2, d)
+            K = np.matmul(slopes, work.reshape(ne, nq * 6, d)) + edge_work(u)
+            K = 0.5 * (K + K.transpose(0, 2, 1))
+            if field is not None:
+                if not per_mass:
+                    per_mass.append(self._load_per_mass(fields, section))
+                forces = forces - (per_mass[0] @ field.ravel()).reshape(ne, -1, 2, 3)
+            moments = np.zeros((ne, k, 3, 3))  # n x (moment x n + arm n.f) at each node
+            moments[:, :, 2, 0], moments[:, :, 2, 1] = forces[:, :, 1, 1], -forces[:, :, 1, 0]
+            moments[:, :, 2, 2] = (section.offset - flat.height) * forces[:, :, 0, 2]
+            axes, nodes = flat.axes[:, None], np.arange(k)
+            turns = axes @ rotation_stiffness(moments) @ axes.transpose(0, 1, 3, 2)
+            K.reshape(ne, k, 2, 3, k, 2, 3)[:, nodes, 1, :, nodes, 1] += turns.swapaxes(0, 1)
+            return np.asarray(K)
+
+        return stiffness
+
+    def _edge_work(
+        self, fields: Fields, section: ShellSection
+    ) -> Callable[[FloatArray], FloatArray]:
+        """Of displacements u (ne, d) the (ne, d, d) forces conjugate to g of each edge, times the
+        mean of 2 u_c,s beta_c over the edge.
 
         These forces are the shear force and the moments of the bow of the edge. Neighbours share an
         edge, so that large parts of both cancel, which they would not inside the elements.
         """
         points = make_points(fields.flat, shell_functions(self.kind, "stiffness"))
-        strains = np.einsum("eqid,ed->eqi", points.strains(fields), u)
-        M = (strains @ section.laminate.ABD[3:].T * points.area[..., None])[..., [[0, 2], [2, 1]]]
-        k, nodal = fields.length.shape[1], fields.nodal
-        g = fields.bow * np.einsum("eqab,eqbk,eka->ek", M, points.slopes[..., k:], fields.tangent)
+        k, nodal, d = fields.length.shape[1], fields.nodal, fields.nodal.shape[-1]
+        ABD, sides = section.laminate.ABD[3:], points.slopes[..., k:]
+        M = np.matmul(ABD, points.strains(fields) * points.area[..., None, None])
+        M = M[..., [[0, 2], [2, 1]], :]
+        g = np.einsum("eqabd,eqbk,eka->ekd", M, sides, fields.tangent, optimize=True)
+        g *= fields.bow[..., None]
         if section.shear:
-            Q = np.einsum("eqad,ed->eqa", points.shear_strains(fields), u) @ section.laminate.S
+            Q = np.matmul(section.laminate.S, points.shear_strains(fields))
             share = (1 + fields.bow / 1.5) * fields.length
-            g += share * np.einsum("eq,eqa,eqak->ek", points.area, Q, points.edge)
+            g += share[..., None] * np.einsum("eq,eqad,eqak->ekd", points.area, Q, points.edge)
         start, end = (list(nodes) for nodes in zip(*EDGES[self.kind], strict=True))
         along = (nodal[:, end, :2] - nodal[:, start, :2]) / fields.length[..., None, None]
         beta = (nodal[:, start, 3:] + 4 * nodal[:, k:, 3:] + nodal[:, end, 3:]) / 6
-        left = (2 * g[..., None, None] * along).reshape(len(u), 2 * k, -1)
-        return np.matmul(left.transpose(0, 2, 1), beta.reshape(len(u), 2 * k, -1))
+        along, beta = 2 * along.reshape(-1, k, 2, d), beta.reshape(-1, 2 * k, d)
 
-    def _load_per_mass(
-        self, fields: Fields, section: ShellSection, field: FloatArray
-    ) -> FloatArray:
-        """(ne, k, 2, 3) forces and moments at the nodes, element axes, of a force per mass."""
+        def work(u: FloatArray) -> FloatArray:
+            left = np.einsum("ekd,ed->ek", g, u)[..., None, None] * along
+            return np.matmul(left.reshape(len(u), 2 * k, d).transpose(0, 2, 1), beta)
+
+        return work
+
+    def _load_per_mass(self, fields: Fields, section: ShellSection) -> FloatArray:
+        """(ne, d, 12) forces and moments at the nodes, element axes, of a force per mass (3, 4)."""
         points = make_points(fields.flat, shell_functions(self.kind, "mass"))
         s = _mass_position(self.kind, fields, section.offset)
-        load = np.matmul(_mass_weights(points, section), np.matmul(s, field.T))
-        f = np.einsum("enc,encd->ed", load, _mass_motion(fields))
-        return np.asarray(f.reshape(len(s), -1, 2, 3) @ fields.flat.axes[:, None])
+        load, N = np.matmul(_mass_weights(points, section), s), _mass_motion(fields)
+        (ne, n, _, d), k = N.shape, fields.flat.height.shape[1]
+        f = np.matmul(load.transpose(0, 2, 1), N.reshape(ne, n, 3 * d)).reshape(ne, 4, 3, k, 2, 3)
+        f = f.transpose(0, 3, 4, 5, 2, 1).reshape(ne, k * 2, 3, 12)
+        return np.matmul(fields.flat.axes.transpose(0, 2, 1)[:, None], f).reshape(ne, d, 12)
 
     def mean_strains(
         self, x: FloatArray, section: ShellSection, u: FloatArray

@@ -32,6 +32,7 @@ from flexmb.fe.elements.element_family import (
     Reference,
     Rule,
     ScalarMass,
+    SeparateStresses,
     determinants,
     extrapolation,
     gradients,
@@ -92,7 +93,7 @@ _FLAT = 1e-12  # least det J over the cube of the element's size; below it an el
 
 
 @dataclass(frozen=True, eq=False)
-class Solid:
+class Solid(SeparateStresses):
     """A family of solids.
 
     Parameters

@@ -16,11 +16,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from flexmb.errors import Problem, ReductionError
-from flexmb.fe.assembly.assemble import FEMatrices, geometric_stiffness
+from flexmb.fe.assembly.assemble import FEMatrices, geometric_forms
 from flexmb.fe.assembly.interfaces import ModelInterface, interface_stiffness
 from flexmb.fe.assembly.loads import LoadPattern
 from flexmb.fe.reduction.fixed_interface import FixedInterfaceModel
@@ -36,14 +37,9 @@ _ALL = tuple(range(6))  # all six motions of a body, and of an interface
 
 
 def with_geometric_stiffening(
-    body: FlexBody,
-    fe: FEMatrices,
-    Phi: FloatArray,
-    interfaces: tuple[ModelInterface, ...],
-    patterns: tuple[LoadPattern, ...] = (),
-    nodes: Sequence[int] = (),
-    progress: Progress = silent,
-) -> FlexBody:
+    body: FlexBody, fe: FEMatrices, Phi: FloatArray, interfaces: tuple[ModelInterface, ...],
+    patterns: tuple[LoadPattern, ...] = (), nodes: Sequence[int] = (), progress: Progress = silent,
+) -> FlexBody:  # fmt: skip
     """The body with the geometric stiffness of its loads.
 
     Parameters
@@ -72,22 +68,19 @@ def with_geometric_stiffening(
     at_nodes = {node: node_loads(fe, node, ())[:, :3] for node in nodes}
     loads += [pattern.f for pattern in patterns]
     loads += [F[:, d] for F in at_nodes.values() for d in range(3)]
-    forms = np.zeros((len(loads), body.m, body.m))
-    for number, load in enumerate(loads):
-        progress("stiffening", number / len(loads))
-        relieved = relief.loads(load)
-        u = fixed.free(relieved)
-        per_mass = -_acceleration(fe, relief.acceleration(load))
-        if number < len(fields):
-            per_mass += fields[number][1]
-        form = Phi.T @ (geometric_stiffness(fe, u, per_mass) @ Phi)
-        # forces on interface nodes; a unit force reaches the nodes only through the interface
-        is_unit = units.start <= number < units.stop
-        links = np.asarray(fe.K @ u) - relieved + (load if is_unit else 0.0)
+    F = np.column_stack(loads)
+    relieved = relief.loads(F)
+    U = fixed.free(relieved)
+    per_mass = [-_acceleration(fe, one) for one in relief.acceleration(F).T]
+    per_mass[: len(fields)] = [a + g for a, (_, g) in zip(per_mass, fields, strict=False)]
+    forms = geometric_forms(fe, Phi, U, per_mass, partial(progress, "stiffening"))
+    # forces on interface nodes; a unit force reaches the nodes only through the interface
+    links = np.asarray(fe.K @ U) - relieved
+    links[:, units] += F[:, units]
+    for k, link in enumerate(links.T):
         for part, interface in zip(body.interfaces, interfaces, strict=True):
-            form += part.Phi_r.T @ interface_stiffness(fe, interface, links) @ part.Phi_r
-        forms[number] = 0.5 * (form + form.T)
-    progress("stiffening", 1.0)
+            forms[k] += part.Phi_r.T @ interface_stiffness(fe, interface, link) @ part.Phi_r
+    forms = 0.5 * (forms + forms.transpose(0, 2, 1))
     centrifugal = np.zeros((3, 3, body.m, body.m))
     for (a, b), form in zip(SYMMETRIC_PAIRS, forms, strict=False):
         centrifugal[a, b] = centrifugal[b, a] = form

@@ -87,16 +87,10 @@ def requested_modes(method: str, modes: Any) -> Any:
 
 
 def reduce_model(
-    fe: FEMatrices,
-    interfaces: tuple[ModelInterface, ...],
-    method: str = "craig-bampton",
-    modes: Any = None,
-    *,
-    progress: Progress = silent,
-    mirror: SymmetryPlane | None = None,
-    loads: tuple[LoadPattern, ...] = (),
-    residual: str = "none",
-) -> ReducedBasis:
+    fe: FEMatrices, interfaces: tuple[ModelInterface, ...], method: str = "craig-bampton", modes:
+    Any = None, *, progress: Progress = silent, mirror: SymmetryPlane | None = None, loads:
+    tuple[LoadPattern, ...] = (), residual: str = "none",
+) -> ReducedBasis:  # fmt: skip
     """Reduce a model by a method.
 
     Parameters
@@ -130,13 +124,9 @@ def reduce_model(
 
 
 def coordinates_text(
-    freedoms: int,
-    interfaces: int,
-    modes: Any,
-    reduction: str,
-    loads: Mapping[str, Any],
-    residual: str = "none",
-) -> str:
+    freedoms: int, interfaces: int, modes: Any, reduction: str, loads: Mapping[str, Any], residual:
+    str = "none",
+) -> str:  # fmt: skip
     """The count of modal coordinates, in words; loads and inertia add at most that many vectors."""
     if reduction == "user":
         return "those of the given modes"
@@ -202,17 +192,10 @@ _NO_VALUES = ("name", "source")  # keys of a material that are no values
 
 
 def reduction_key(
-    mesh: str | os.PathLike[str] | Mapping[str, Any],
-    *,
-    units: str = "SI",
-    material: MaterialLike,
-    interfaces: Mapping[str, Any] | None = None,
-    modes: Any = None,
-    damping: Any = None,
-    name: str | None = None,
-    sections: Mapping[str, Any] | None = None,
-    **options: Any,
-) -> str:
+    mesh: str | os.PathLike[str] | Mapping[str, Any], *, units: str = "SI", material: MaterialLike,
+    interfaces: Mapping[str, Any] | None = None, modes: Any = None, damping: Any = None, name: str
+    | None = None, sections: Mapping[str, Any] | None = None, **options: Any,
+) -> str:  # fmt: skip
     """Hexadecimal fingerprint of a reduction; the parameters are those of ``reduce``.
 
     Raises

@@ -299,13 +299,9 @@ class TaperedSection:
 
 
 def tapered(
-    start: BeamSection,
-    end: BeamSection,
-    *,
-    orientation: Vector | None = None,
-    material: AnyMaterial | None = None,
-    releases: Releases | Mapping[str, Any] | None = None,
-) -> TaperedSection:
+    start: BeamSection, end: BeamSection, *, orientation: Vector | None = None, material:
+    AnyMaterial | None = None, releases: Releases | Mapping[str, Any] | None = None,
+) -> TaperedSection:  # fmt: skip
     """Section from ``start`` to ``end`` along a chain of elements.
 
     Parameters

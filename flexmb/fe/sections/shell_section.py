@@ -245,25 +245,17 @@ class ShellSection:
 
 
 def shell(
-    thickness: float,
-    offset: float = 0.0,
-    orientation: Vector | None = None,
-    nonstructural: float = 0.0,
-    material: AnyMaterial | None = None,
-    shear: bool = True,
-) -> ShellSection:
+    thickness: float, offset: float = 0.0, orientation: Vector | None = None, nonstructural: float
+    = 0.0, material: AnyMaterial | None = None, shear: bool = True,
+) -> ShellSection:  # fmt: skip
     """A shell of one layer of that thickness [m]; the other words are those of ShellSection."""
     return layered([Layer(thickness)], offset, orientation, nonstructural, material, shear)
 
 
 def layered(
-    layers: Sequence[Layer],
-    offset: float = 0.0,
-    orientation: Vector | None = None,
-    nonstructural: float = 0.0,
-    material: AnyMaterial | None = None,
-    shear: bool = True,
-) -> ShellSection:
+    layers: Sequence[Layer], offset: float = 0.0, orientation: Vector | None = None, nonstructural:
+    float = 0.0, material: AnyMaterial | None = None, shear: bool = True,
+) -> ShellSection:  # fmt: skip
     """A shell of layers from the bottom to the top; the other words are those of ShellSection."""
     return ShellSection(tuple(layers), offset, orientation, nonstructural, material, shear)
 

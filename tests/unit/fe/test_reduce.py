@@ -234,3 +234,41 @@ def test_beams_through_python_sections():
         mesh, material="steel", sections={"all": rectangle(0.1, 0.1)}, interfaces={"a": "root"}
     )
     assert body.m == 20
+
+
+STIFFENED = {
+    "mesh": {"type": "plate", "length": 1.0, "width": 0.5, "divisions": [6, 3]},
+    "material": "steel", "sections": {"all": {"type": "shell", "thickness": 0.01, "offset": 0.002}},
+    "interfaces": {"edge": "x0"}, "modes": 4, "geometric_stiffening": "full",
+    "masses": {"ball": {"at": 20, "mass": 3.0, "offset": [0.0, 0.0, 0.1]}},
+    "ties": {"rim": {"type": "rbe2", "reference": 27, "nodes": "x1"}},
+}  # fmt: skip
+
+
+def test_tables_of_shells_do_not_count_the_loads_that_stiffen(monkeypatch):
+    """Forty more loads must not make the fields of the elements forty more times."""
+    from flexmb.fe.elements import shell_elements
+
+    counts, make = [], shell_elements.make_fields
+    for nodes in ([], list(range(8, 18))):
+        made = []
+        monkeypatch.setattr(
+            shell_elements, "make_fields", lambda *of, made=made: made.append(1) or make(*of)
+        )
+        reduce(**STIFFENED, load_points=nodes)
+        counts.append(len(made))
+    assert counts[0] == counts[1]
+
+
+def test_forms_of_many_loads_are_those_of_the_geometric_stiffness():
+    """With offsets, a tie and a mass on an arm, whose loads turn."""
+    from flexmb.fe.assembly.assemble import geometric_forms, geometric_stiffness
+
+    seen = []
+    reduce(**STIFFENED, inspect=lambda fe, *_: seen.append(fe))
+    rng, fe = np.random.default_rng(2), seen[0]
+    n = fe.numbering.n
+    U, Phi, fields = rng.normal(size=(n, 3)), rng.normal(size=(n, 4)), rng.normal(size=(3, 3, 4))
+    for form, u, field in zip(geometric_forms(fe, Phi, U, fields), U.T, fields, strict=True):
+        whole = Phi.T @ (geometric_stiffness(fe, u, field) @ Phi)
+        np.testing.assert_allclose(form, whole, atol=1e-12 * np.abs(whole).max())
