@@ -90,18 +90,30 @@ def output_times(spec: DynamicsSpec) -> np.ndarray:
     return np.arange(spec.outputs + 1) * (spec.duration / spec.outputs)
 
 
+def seen_times(spec: DynamicsSpec) -> np.ndarray:
+    """Times at which vibrations count [s]: the outputs, and even ones if they are few or listed."""
+    times = output_times(spec)
+    if isinstance(spec.outputs, int) and len(times) > _TIMES_BETWEEN:
+        return times
+    return _with_others(times, np.linspace(0.0, 1.0, _TIMES_BETWEEN + 1), spec.duration)
+
+
 def compared_times(spec: DynamicsSpec) -> np.ndarray:
     """Times at which a run and its scout are compared [s].
 
-    These are the outputs, and others between them that are in phase with no motion, so that its
+    These are `seen_times`, and others between them that are in phase with no motion, so that its
     peak-to-peak range is known.
     """
-    times = output_times(spec)
-    others = np.append(_uneven(_TIMES_BETWEEN), 1.0) * spec.duration
+    return _with_others(seen_times(spec), _uneven(_TIMES_BETWEEN), spec.duration)
+
+
+def _with_others(times: Array, shares: Array, span: float) -> Array:
+    """Times, and others at these shares of a span that are not the same."""
+    others = shares * span
     edges = np.concatenate([[-np.inf], times, [np.inf]])
     after = np.searchsorted(edges, others)
     apart = np.minimum(others - edges[after - 1], edges[after] - others)
-    return np.union1d(times, others[apart > _SAME_TIME * spec.duration])
+    return np.union1d(times, others[apart > _SAME_TIME * span])
 
 
 def scout_rows(n: int, events: bool = False) -> np.ndarray:
