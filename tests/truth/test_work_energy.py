@@ -153,7 +153,7 @@ def test_the_balance_closes_to_the_accuracy_asked_for(name, method):
     knobs = {key: value for key, value in knobs.items() if key != "newton_tolerance"}
     for accuracy in (1e-3, 1e-5):
         result = run(
-            made, accuracy=accuracy, duration=duration, outputs=50, start="quasi-static", **knobs
+            made, accuracy=accuracy, duration=duration, outputs=400, start="quasi-static", **knobs
         )
         error = imbalance(result)
         assert error < (10 if result.statistics["method"] == "radau" else 5) * accuracy

@@ -205,13 +205,14 @@ def _runs_after_jump(
     """
     begin, step = float(jumps.table[k, 0]), float(jumps.table[k, 2])
     end = min(end, jumps.before[jumps.before > begin].min(initial=settings.end))
-    outputs = run.times[(run.times > begin) & (run.times <= end)]
+    seen = jumps.outputs[jumps.outputs > begin]
+    outputs = seen[seen <= end]
     between = np.linspace(begin, end, _STEPS_MEASURED * _TIMES_PER_STEP + 1)[_TIMES_PER_STEP // 2 :]
     if most:
-        seen = float(run.times[run.times > begin].min(initial=settings.end))  # the next output
-        end = max(end, seen)
+        following = float(seen.min(initial=settings.end))  # the next output
+        end = max(end, following)
         between = np.linspace(
-            seen, end, max(_STEPS_MEASURED * _TIMES_PER_STEP, _TIMES_PER_OUTPUT * len(outputs))
+            following, end, max(_STEPS_MEASURED * _TIMES_PER_STEP, _TIMES_PER_OUTPUT * len(outputs))
         )
     times = np.union1d(outputs, between)
     radau = radau_5()
@@ -305,11 +306,11 @@ class _VibrationRuns:
         for tolerance in tolerances:
             finer = min(_TOLERANCE_RATIO * self._settings.tolerance, tolerance)
             coarse, fine, output = self._runs(k, finer, most)
-            rows = fine.rows(~np.isin(fine.t, self._run.times))
+            rows = fine.rows(~np.isin(fine.t, self._jumps.outputs))
             share = max(share, self._error.reaction_difference(coarse, fine))
             swing = self._error.reaction_swing(fine)
             at = fine.t >= output
-            outputs = at & np.isin(fine.t, self._run.times)
+            outputs = at & np.isin(fine.t, self._jumps.outputs)
             if np.any(at):
                 at = outputs if outputs.sum() >= _MIN_OUTPUTS else at
                 coarse, fine = coarse.rows(at), fine.rows(at)
@@ -331,7 +332,7 @@ class _VibrationRuns:
         run, jumps, radau = self._run, self._jumps, radau_5()
         begin, after, step = jumps.table[k, :3].tolist()
         end = jumps.before[jumps.before > begin].min(initial=self._settings.end)
-        times = run.times[(run.times > after) & (run.times <= end)]
+        times = jumps.outputs[(jumps.outputs > after) & (jumps.outputs <= end)]
         output = float(times.min(initial=end))
         prepare_units(integration_units(run.compiled.system, radau))
         fine, coarse = (State(*(array.copy() for array in self._first)) for _ in range(2))

@@ -32,6 +32,8 @@ class JumpStates:
     ----------
     compiled, settings : Compiled, Settings
         The model and the settings of the run.
+    times : (n,) array
+        Times at which vibrations count (`seen_times`) [s].
 
     Attributes
     ----------
@@ -43,7 +45,8 @@ class JumpStates:
         of the scout [s]. Saved with the run.
     """
 
-    def __init__(self, compiled: Compiled, settings: method.Settings) -> None:
+    def __init__(self, compiled: Compiled, settings: method.Settings, times: Array) -> None:
+        self._times = times
         nq, nv, nc = (getattr(compiled.layout, name) for name in ("nq", "nv", "nc"))
         behind = [1, nv, nv, nc, compiled.system.history] if compiled.system.events else [0] * 5
         sizes = [3, nq, nv, *behind, _STORED_STEPS]
@@ -69,6 +72,11 @@ class JumpStates:
         """Times just before the jumps (n,) [s]."""
         times = self.table[:MAX_JUMPS, 0]
         return np.asarray(times[np.isfinite(times)])
+
+    @property
+    def outputs(self) -> Array:
+        """Times at which vibrations count, and those just before jumps (n,) [s]."""
+        return np.union1d(self._times, self.before)
 
     def put(self, k: int, state: State) -> None:
         """Set a state to the one just before jump k, or to the one after event k."""

@@ -30,6 +30,7 @@ from flexmb.analysis.dynamics.run_settings import (
     compared_times,
     local_tolerance,
     output_times,
+    seen_times,
     set_first_round_off,
     with_tolerance,
 )
@@ -195,7 +196,7 @@ def prepared_run(
     if spec.verify is not False and settings.step == 0.0:
         compared, jumps = compared_times(spec), None
         if settings.stiff == 1:  # for explicit methods too: an implicit one may replace them
-            jumps = JumpStates(compiled, settings)
+            jumps = JumpStates(compiled, settings, seen_times(spec))
             compared = np.union1d(compared, jumps.before)
         recorded = np.isin(compared, times)
         verified = VerifiedRun.of(

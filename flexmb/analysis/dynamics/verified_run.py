@@ -33,6 +33,8 @@ from flexmb.analysis.dynamics.vibration_error import DAMPED_RATIO
 from flexmb.engine import method
 from flexmb.engine.allocation import new_plan
 from flexmb.engine.compile import Compiled
+from flexmb.engine.forces.contact import CONTACTS
+from flexmb.engine.forces.force_characteristic import FORCE_CHARACTERISTICS
 from flexmb.engine.state import Plan, State
 from flexmb.errors import FlexmbError
 from flexmb.model.model import Model
@@ -160,9 +162,12 @@ class VerifiedRun:
 
     @property
     def _contact_exponent(self) -> float:
-        """The least exponent of a contact that is no whole number; infinite: there is none."""
-        contacts = self.fine.compiled.system.kinds.get("contacts")
-        exponents = np.zeros(0) if contacts is None else contacts.rows["n"]
+        """The least exponent of a contact or stop, no whole number; infinite: there is none."""
+        kinds, none = self.fine.compiled.system.kinds, np.zeros(0)
+        contacts, laws = (kinds.get(one.name) for one in (CONTACTS, FORCE_CHARACTERISTICS))
+        of_contacts = none if contacts is None else contacts.rows["n"]
+        of_stops = none if laws is None else laws.rows["exponent"][laws.rows["stop"] == 1]
+        exponents = np.concatenate([of_contacts, of_stops])
         return float(exponents[exponents % 1.0 > 0.0].min(initial=np.inf))
 
     @property
