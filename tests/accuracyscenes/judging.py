@@ -70,7 +70,7 @@ class Judged:
 
     def is_near(self, asked):
         """Whether the error, or what is told of it, is a fifth of what was asked for, or more."""
-        return max(self.achieved, self.told) > max(0.2 * asked, ROUND_OFF)
+        return max(self.achieved, self.told) > max(0.2 * asked * (1 + 1e-9), ROUND_OFF)
 
 
 def largest_error(found, truth):

@@ -33,7 +33,7 @@ class JumpStates:
     compiled, settings : Compiled, Settings
         The model and the settings of the run.
     times : (n,) array
-        Times at which vibrations count (`seen_times`) [s].
+        Times at which errors count (`seen_times`) [s].
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ class JumpStates:
 
     @property
     def outputs(self) -> Array:
-        """Times at which vibrations count, and those just before jumps (n,) [s]."""
+        """Times at which errors count, and those just before jumps (n,) [s]."""
         return np.union1d(self._times, self.before)
 
     def put(self, k: int, state: State) -> None:

@@ -194,14 +194,13 @@ def prepared_run(
     set_first_round_off(compiled, state)
     begin = State(*(array.copy() for array in state))
     if spec.verify is not False and settings.step == 0.0:
-        compared, jumps = compared_times(spec), None
+        compared, jumps, seen = compared_times(spec), None, seen_times(spec)
         if settings.stiff == 1:  # for explicit methods too: an implicit one may replace them
-            jumps = JumpStates(compiled, settings, seen_times(spec))
-            compared = np.union1d(compared, jumps.before)
-        recorded = np.isin(compared, times)
+            jumps = JumpStates(compiled, settings, seen)
+            compared, seen = np.union1d(compared, jumps.before), jumps.outputs
         verified = VerifiedRun.of(
-            compiled, model, integrator, settings, begin, compared, recorded, passes,
-            spec.method == AUTO and name == STIFF_METHOD, jumps,
+            compiled, model, integrator, settings, begin, compared, np.isin(compared, times),
+            np.isin(compared, seen), passes, spec.method == AUTO and name == STIFF_METHOD, jumps,
         )  # fmt: skip
         run = verified.fine
     elif spec.verify:

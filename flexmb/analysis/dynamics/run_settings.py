@@ -41,9 +41,8 @@ _UNVERIFIED_SHARE = 0.01
 # runs and are misjudged in 6, 6, 6, 11, at costs of 1, 1.02, 1.08, 1.16; with radau 4 or 2 misjudge
 # 5 of 498.
 _REJECTION_FACTOR = {True: 2.0, False: 4.0}
-# Number of times between outputs at which both runs are compared too. Outputs in phase with a
-# motion show neither its range nor its error: 4 to 26 times the steps were taken, and errors of 0
-# to 300 % stated, for 1e-6.
+# Number of times between outputs at which ranges are looked at too. Outputs in phase with a motion
+# do not show its range: 4 to 26 times the steps were taken, and errors of 0 to 300 % stated.
 _TIMES_BETWEEN = 50
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)  # multiples of it, less whole numbers, are spread evenly
 _SAME_TIME = 1e-9  # difference of two times that are equal within round-off, over the duration
@@ -91,7 +90,7 @@ def output_times(spec: DynamicsSpec) -> np.ndarray:
 
 
 def seen_times(spec: DynamicsSpec) -> np.ndarray:
-    """Times at which vibrations count [s]: the outputs, and even ones if they are few or listed."""
+    """Times at which errors count [s]: the outputs, and even ones if they are few or listed."""
     times = output_times(spec)
     if isinstance(spec.outputs, int) and len(times) > _TIMES_BETWEEN:
         return times
@@ -99,7 +98,7 @@ def seen_times(spec: DynamicsSpec) -> np.ndarray:
 
 
 def compared_times(spec: DynamicsSpec) -> np.ndarray:
-    """Times at which a run and its scout are compared [s].
+    """Times at which a run and its scout have rows [s].
 
     These are `seen_times`, and others between them that are in phase with no motion, so that its
     peak-to-peak range is known.

@@ -105,8 +105,9 @@ class VerifiedRun:
         The runs; the fine one follows the plan that the scout writes.
     error : MeasuredError
         Their difference so far.
-    recorded, of_scout : (n,) array of bool
-        Which of the times of the fine run are outputs, and at which times the scout has rows.
+    recorded, counted, of_scout : (n,) array of bool
+        Which of the times of the fine run are outputs, at which the differences of both runs count
+        (elsewhere rows are for the ranges alone), and at which the scout has rows.
     passes : array
         Record `PASSES` of the run.
     is_stiff : bool
@@ -117,11 +118,12 @@ class VerifiedRun:
 
     def __init__(
         self, scout: Integration, fine: Integration, error: MeasuredError, recorded: np.ndarray,
-        of_scout: np.ndarray, passes: np.ndarray, is_stiff: bool, jumps: JumpStates | None,
+        counted: np.ndarray, of_scout: np.ndarray, passes: np.ndarray, is_stiff: bool,
+        jumps: JumpStates | None,
     ) -> None:  # fmt: skip
         self.scout, self.fine, self.error, self.passes = scout, fine, error, passes
-        self.recorded, self.of_scout, self.is_stiff = recorded, of_scout, is_stiff
-        self.jumps = jumps
+        self.recorded, self.counted, self.of_scout = recorded, counted, of_scout
+        self.is_stiff, self.jumps = is_stiff, jumps
         self.chunks: list[Chunk] = []  # of the scout; of a resumed run those after it was resumed
 
     @property
@@ -180,13 +182,13 @@ class VerifiedRun:
     @classmethod
     def of(
         cls, compiled: Compiled, model: Model, integrator: method.Method, settings: method.Settings,
-        first: State, times: np.ndarray, recorded: np.ndarray, passes: np.ndarray, is_stiff: bool,
-        jumps: JumpStates | None,
+        first: State, times: np.ndarray, recorded: np.ndarray, counted: np.ndarray,
+        passes: np.ndarray, is_stiff: bool, jumps: JumpStates | None,
     ) -> VerifiedRun:  # fmt: skip
         """A run and its scout, each from a copy of a state, at the local tolerance of `settings`.
 
-        `recorded` flags the `times` (n,) of the run that are outputs. The times of `jumps` are
-        among `times`.
+        `recorded` and `counted` flag the `times` (n,) of the run, see the attributes. The times of
+        `jumps` are among `times`.
         """
         states = [State(*(array.copy() for array in first)) for _ in range(2)]
         of_scout = scout_rows(len(times), bool(compiled.system.events))
@@ -197,7 +199,7 @@ class VerifiedRun:
             compiled, integrator, fine_settings(settings, integrator), states[1], times, scout.plan
         )
         error = MeasuredError.of(compiled, model, first, settings.end - settings.start)
-        return cls(scout, fine, error, recorded, of_scout, passes, is_stiff, jumps)
+        return cls(scout, fine, error, recorded, counted, of_scout, passes, is_stiff, jumps)
 
     def advance(self, first: bool = False) -> tuple[int, list[OutputBlock]]:
         """Integrate one chunk of both, or write the first row; the status, rows of the fine run."""
@@ -215,8 +217,9 @@ class VerifiedRun:
             if self.jumps is not None:
                 self.jumps.add_rows(block)
                 self.jumps.add_events(fine.events())
-            both = block.rows(self._newest(self.of_scout, block))
-            self.error.add(coarse.part(done, done + len(both.t)), both)
+            own = self._newest(self.of_scout, block)
+            both, counted = block.rows(own), self._newest(self.counted, block)[own]
+            self.error.add(coarse.part(done, done + len(both.t)), both, counted)
             done += len(both.t)
             rows.append(block.rows(self._newest(self.recorded, block)))
             if first or fine_status != method.SUCCESS:

@@ -1,0 +1,38 @@
+"""Stiff states of very different sizes: problems of the test set of initial value problems.
+
+Published values at the end: Mazzia & Magherini, Test Set for Initial Value Problem Solvers, release
+2.4, Bari, 2008.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from accuracyscenes import SCENES
+from accuracyscenes.judging import judged
+from accuracyscenes.states import HIRES_END, OREGO_END, POLLUTION_END
+
+
+@pytest.mark.parametrize(
+    ("name", "ends"), [("pollution", POLLUTION_END), ("HIRES", HIRES_END), ("OREGO", OREGO_END)]
+)
+def test_states_end_where_the_test_set_says(name, ends):
+    """Newton's method took corrections of small states for noise: pollution was 1 % off."""
+    scene = SCENES[name]
+    model = scene.make()
+    ways = {
+        f"p{k}": np.array([float(model.states[f"y{k}"].start.constant), y])
+        for k, y in enumerate(ends, 1)
+    }
+    found = judged(model, lambda t: ways, duration=scene.duration, outputs=1, accuracy=1e-8)
+    assert not found.message and not found.notes
+    assert found.achieved < 2e-7  # over the change of each state
+
+
+def test_auto_leaves_an_explicit_method_that_stability_limits():
+    """It was refused: steps of 3e-4 s would be left for 1e5 s, though radau was named as cure."""
+    scene = SCENES["E5"]
+    found = judged(scene.make(), scene.truth, duration=1e5, outputs=100, accuracy=1e-8)
+    assert not found.message
+    assert found.statistics["method"] == "radau"
+    assert found.is_reached(1e-8)
