@@ -101,17 +101,16 @@ def with_stretching(body: FlexBody) -> FlexBody:
         return replace(point, bend=point.bend + whole.curvatures(point.Phi_t @ moved))
 
     nodes = body.nodes
-    if nodes is not None and nodes.bend is not None:
-        bends = [bent(one).bend for one in nodes.points_with_bend()]
-        nodes = replace(nodes, bend=np.array(bends)) if bends else nodes
+    if nodes is not None and (points := nodes.points_with_bend()):
+        nodes = replace(nodes, bend=np.array([bent(one).bend for one in points]))
     return replace(
         body,
         centrifugal_stiffness=body.centrifugal_stiffness + whole.curvatures(P @ moved),
         interfaces=tuple(bent(end) for end in body.interfaces),
         nodes=nodes,
         loads=tuple(
-            replace(load, points=bent_points(load.points, whole.curvatures(load.modal @ moved)))
-            for load in body.loads
+            replace(one, points=bent_points(one.points, whole.curvatures(one.modal @ moved)))
+            for one in body.loads
         ),
         membrane_stiffness=left,
         provenance={**body.provenance, _DIVIDED: "beside geometric stiffening"},

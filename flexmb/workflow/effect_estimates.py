@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
 
-from flexmb.errors import FlexmbError
+from flexmb.errors import FlexmbError, SolverError
 from flexmb.flexbody.arrays import Array
 from flexmb.model.flexible_body import stretches
 from flexmb.model.mesh_body import MeshBodySpec
@@ -23,6 +23,8 @@ from flexmb.model.scenes.effects import with_words
 from flexmb.workflow.effect import (
     DEFORMATION,
     DYNAMIC,
+    FRICTION,
+    GRAVITY,
     MODES,
     OUT_OF_PLANE,
     QUASI_STATIC,
@@ -55,6 +57,8 @@ _NO_CHANGE = 1e-7
 # above the second one [rad] are estimated with more rows, and with more again while both differ by
 # more than the third number.
 _DOUBTFUL, _TURN, _AGREEMENT = 0.01, 6.0, 0.3
+# Effects of the scene that are told by a run where small motions tell more than this share.
+_RUN_ALONE, _FIRST_ORDER = (GRAVITY, FRICTION, "contact", "stops"), 0.3
 _LINEAR = "as of linear deformations, which membrane forces lessen or enlarge"
 _AT_OTHER_TIMES = "contacts, stops or friction act at other times with it"
 
@@ -80,9 +84,26 @@ class Estimates:
             The neighbour cannot be made or run.
         """
         made, cost = self._estimate(effect)
-        large = max((one.share for one in made), default=0.0) > _DOUBTFUL
+        largest = max((one.share for one in made), default=0.0)
+        if effect.name in _RUN_ALONE and largest > _FIRST_ORDER and not self.of.has_origin:
+            with suppress(FlexmbError):  # without it there may be no motion
+                pairs = zip(made, self._switched(effect), strict=True)
+                return [run if run.share else one for one, run in pairs], cost
+        large = largest > _DOUBTFUL
         turning = effect.name not in (DEFORMATION, VIBRATION) and self.of.turns > _TURN
         return self._settle(effect, made) if large and turning else made, cost
+
+    def _switched(self, effect: Effect) -> list[Contribution]:
+        """Contributions by a run with an effect switched over; zero for what rests in both."""
+        from flexmb.analysis.effects.contribution import contributions, round_off
+
+        model, now = self.of.neighbour(effect), self.of.motion
+        motion = self.of.motion_of(model, own := self.of.compile(model, self.of.bodies))[0]
+        if not np.array_equal(now.t, motion.t):
+            raise SolverError("the run without the effect has other rows")
+        histories, least = (now.channels, motion.channels), round_off(self.of.compiled, now)
+        change = motion.channels - now.channels
+        return contributions(model, histories, change, own.layout.channels, None, least)
 
     def _settle(self, effect: Effect, made: list[Contribution]) -> list[Contribution]:
         """Contributions with more rows, until these do not matter or there can be no more."""
@@ -268,11 +289,12 @@ class Estimates:
         from flexmb.engine.bodies.static_modes import static_bodies
 
         words, specs = dict.fromkeys(mine, QUASI_STATIC), cast("Any", self.of.model.bodies)
-        now = self.of.compile(with_words(self.of.model, words), self.of.bodies)
+        slow = with_words(self.of.model, words)
+        now = self.of.compile(slow, self.of.bodies)
         framed = any(specs[name].frame_interface is not None for name in mine)
         if on and framed:
             return None, True
-        motion = self.of.motion_with(words, now)[0] if on else self.of.motion
+        motion = self.of.motion_of(slow, now)[0] if on else self.of.motion
         model = with_words(self.of.model, dict.fromkeys(mine, DYNAMIC))
         other = self.of.compile(model, self.of.bodies)
         histories, change, names = self._changes(now, other, model, motion, {}, inertia=mine)

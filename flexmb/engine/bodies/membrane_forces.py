@@ -54,9 +54,8 @@ def membrane_tangents(
     tangents = {}
     for row in np.flatnonzero(table["shapes"]).tolist():
         body, first = bodies[row], int(table["iq"][row]) + 7
-        stiffness = None if body is None else body.membrane_stiffness
-        if body is not None and stiffness is not None:
-            tangents[row] = stiffness.forces(q[first : first + body.m])[1]
+        if body is not None and body.membrane_stiffness is not None:
+            tangents[row] = body.membrane_stiffness.forces(q[first : first + body.m])[1]
     return tangents
 
 
