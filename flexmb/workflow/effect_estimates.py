@@ -135,7 +135,7 @@ class Estimates:
             with suppress(FlexmbError):  # without them all there may be no motion
                 return shared(made, self._each(alike), self._alone(*alike)), cost
         if effect.body and len(alike) > 1 and any(one.at_rest and one.share for one in made):
-            made = self._each(alike)[alike.index(effect)]
+            made = self._each(alike)[[one.body for one in alike].index(effect.body)]
         return made, cost
 
     def _each(self, effects: Sequence[Effect]) -> list[list[Contribution]]:

@@ -67,3 +67,15 @@ def test_what_was_taken_in_is_told_as_by_the_run_without_it():
     assert (made.verdict, made.why) == ("needed", "as told of the run without it")
     assert earlier.outcome(replace(on, on=False), run, 0.01) is None
     assert earlier.outcome(replace(on, body=""), run, 0.01) is None
+
+
+def test_an_effect_is_found_among_those_of_more_rows_by_its_body(monkeypatch):
+    """Its indicator is of the rows, and ended an audit with a traceback."""
+    few = replace(COUPLING, on=True, indicator="Ω/ω1 0.092")
+    fine = [replace(few, body=body, indicator="Ω/ω1 0.093") for body in ("crank", "rod")]
+    told = [[Contribution("tip", "m", one, one, at_rest=True)] for one in (0.5, 0.2)]
+    monkeypatch.setattr(Estimates, "_alike", lambda self, effect: fine)
+    monkeypatch.setattr(Estimates, "_change", lambda self, *effects: (None, None, None, 1.0))
+    monkeypatch.setattr(Estimates, "_alone", lambda self, *effects: told[0])
+    monkeypatch.setattr(Estimates, "_each", lambda self, effects: told)
+    assert Estimates(None)._estimate(few) == (told[1], 1.0)
