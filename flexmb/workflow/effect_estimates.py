@@ -21,6 +21,7 @@ from flexmb.model.flexible_body import stretches
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.scenes.effects import with_words
 from flexmb.workflow.effect import (
+    COUPLING,
     DEFORMATION,
     DYNAMIC,
     FRICTION,
@@ -57,8 +58,10 @@ _NO_CHANGE = 1e-7
 # above the second one [rad] are estimated with more rows, and with more again while both differ by
 # more than the third number.
 _DOUBTFUL, _TURN, _AGREEMENT = 0.01, 6.0, 0.3
-# Effects of the scene that are told by a run where small motions tell more than this share.
-_RUN_ALONE, _FIRST_ORDER = (GRAVITY, FRICTION, "contact", "stops"), 0.3
+# Effects that are told by a run where small motions tell more than this share; of bodies those that
+# are on.
+_RUN_ALONE = (GRAVITY, FRICTION, "contact", "stops", COUPLING, f"full {COUPLING}")
+_FIRST_ORDER = 0.3
 _LINEAR = "as of linear deformations, which membrane forces lessen or enlarge"
 _AT_OTHER_TIMES = "contacts, stops or friction act at other times with it"
 
@@ -85,7 +88,8 @@ class Estimates:
         """
         made, cost = self._estimate(effect)
         largest = max((one.share for one in made), default=0.0)
-        if effect.name in _RUN_ALONE and largest > _FIRST_ORDER and not self.of.has_origin:
+        runs = effect.name in _RUN_ALONE and (effect.on or not effect.body)
+        if runs and largest > _FIRST_ORDER and not self.of.has_origin:
             with suppress(FlexmbError):  # without it there may be no motion
                 pairs = zip(made, self._switched(effect), strict=True)
                 return [run if run.share else one for one, run in pairs], cost

@@ -79,3 +79,21 @@ def test_an_effect_is_found_among_those_of_more_rows_by_its_body(monkeypatch):
     monkeypatch.setattr(Estimates, "_alone", lambda self, *effects: told[0])
     monkeypatch.setattr(Estimates, "_each", lambda self, effects: told)
     assert Estimates(None)._estimate(few) == (told[1], 1.0)
+
+
+@pytest.mark.parametrize(
+    ("effect", "share"),
+    [
+        (replace(COUPLING, on=True), 0.1),
+        (COUPLING, 0.5),  # off: a run with it may need another body
+        (Effect("gravity", "", False, ""), 0.1),
+        (Effect("damping", "", True, ""), 0.5),
+    ],
+)
+def test_large_effects_are_told_by_a_run(effect, share, monkeypatch):
+    of = SimpleNamespace(has_origin=False, turns=0.0)
+    estimated, run = ([Contribution("tip", "m", one, one)] for one in (0.5, 0.1))
+    monkeypatch.setattr(Estimates, "_estimate", lambda self, effect: (estimated, 1.0))
+    monkeypatch.setattr(Estimates, "_switched", lambda self, effect: run)
+    ((one,), _) = Estimates(of).estimate(effect)
+    assert one.share == share
