@@ -41,7 +41,6 @@ from flexmb.analysis.singular_poses import (
 from flexmb.analysis.validity.linear_elasticity import LinearElasticityMonitor, flexible_columns
 from flexmb.engine import method
 from flexmb.engine.allocation import new_path, new_run, new_state, new_work
-from flexmb.engine.bodies.membrane_forces import membrane_stiffness_of
 from flexmb.engine.compile import Compiled
 from flexmb.engine.compiled_calls import analyse_kinematics, kinematics_units, stage_solver
 from flexmb.engine.initial_conditions import RESIDUAL
@@ -258,7 +257,7 @@ class _StaticDeflection:
                 first, place = columns.iv + 6, columns.iq + 7
                 C = np.asarray(np.linalg.inv(body.K), float)
                 eta = -C @ self._work.trial.res[first : first + body.m]
-                membrane = membrane_stiffness_of(body) if has_membrane_forces else None
+                membrane = body.membrane_stiffness if has_membrane_forces else None
                 if membrane is not None and eta.any():
                     balanced = membrane.equilibrium(eta, C)
                     eta = eta if balanced is None else balanced

@@ -12,11 +12,7 @@ from numpy.typing import NDArray
 
 from flexmb.engine.bodies.flexible_body import modal_block, put_flags
 from flexmb.engine.bodies.marker import MarkerTable
-from flexmb.engine.bodies.membrane_forces import (
-    membrane_block,
-    membrane_stiffness_of,
-    tabulate_membrane_forces,
-)
+from flexmb.engine.bodies.membrane_forces import membrane_block, tabulate_membrane_forces
 from flexmb.engine.bodies.rigid_body import second_moments
 from flexmb.engine.bodies.static_mode_tables import StaticModes, tabulate_static_modes
 from flexmb.engine.geometry import Geometry, coordinate_origin, model_length, reference_points
@@ -142,7 +138,7 @@ def body_table(
         static = quasi_static(spec, body, model)
         Mab = without_modal_inertia(body, static) if static else None
         row["flex"] = pool.add(modal_block(body, coupling, Mab))
-        membrane = membrane_stiffness_of(body) if stretches(spec) else None
+        membrane = body.membrane_stiffness if stretches(spec) else None
         if membrane is not None:
             row["shapes"], row["membrane"] = (
                 len(membrane.shapes),

@@ -227,15 +227,8 @@ class FlexBody:
 
 def _convert(body: FlexBody, check: Checker) -> None:
     m = np.shape(body.K)[0] if np.ndim(body.K) == 2 else 0
-    shapes: dict[str, tuple[int, ...]] = {
-        "S1": (3,),
-        "S0": (3, 3),
-        "p": (3, m),
-        "P": (3, 3, m),
-        "Mab": (3, 3, m, m),
-        "K": (m, m),
-        "D": (m, m),
-    }
+    shapes: dict[str, tuple[int, ...]] = {"S1": (3,), "S0": (3, 3), "p": (3, m), "P": (3, 3, m)}
+    shapes |= {"Mab": (3, 3, m, m), "K": (m, m), "D": (m, m)}
     if body.centrifugal_stiffness is not None:
         shapes["centrifugal_stiffness"] = (3, 3, m, m)
     for name, shape in shapes.items():
@@ -320,20 +313,11 @@ def _check_parts(body: FlexBody, check: Checker) -> None:
         f"load {load.name}.{point.name}": point.Phi_t.shape[1]
         for load in body.loads for point in load.points
     }  # fmt: skip
-    if body.surface is not None:
-        columns["surface"] = body.surface.modes.shape[2]
-    if body.nodes is not None:
-        columns["nodes"] = body.nodes.Phi_t.shape[2]
-    if body.stress is not None:
-        columns["stress"] = body.stress.m
-    if body.section_forces is not None:
-        columns["section_forces"] = body.section_forces.m
-    if body.shell_forces is not None:
-        columns["shell_forces"] = body.shell_forces.m
-    if body.omitted_modes is not None:
-        columns["omitted_modes"] = body.omitted_modes.modes.shape[1]
-    if body.membrane_stiffness is not None:
-        columns["membrane_stiffness"] = body.membrane_stiffness.shapes.shape[1]
+    arrays = dict.fromkeys(("surface", "stress", "section_forces", "shell_forces"), "modes")
+    arrays |= {"nodes": "Phi_t", "omitted_modes": "modes", "membrane_stiffness": "shapes"}
+    for name, array in arrays.items():
+        if (owner := getattr(body, name)) is not None:
+            columns[name] = getattr(owner, array).shape[-1]
     for part, count in columns.items():
         if count != body.m:
             check.add(part, f"has {count} modes where the body has {body.m}")

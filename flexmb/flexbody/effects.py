@@ -22,7 +22,7 @@ import numpy as np
 from flexmb.flexbody.arrays import FloatArray
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.natural_modes import mass_at_rest
-from flexmb.flexbody.parts import Interface
+from flexmb.flexbody.parts import Interface, LoadPoint
 from flexmb.flexbody.planar_body import combine_modes
 
 _Point = TypeVar("_Point", bound=Interface)
@@ -31,6 +31,7 @@ _EPS = np.zeros((3, 3, 3))  # permutation symbol
 for _a, _b, _c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     _EPS[_a, _b, _c], _EPS[_b, _a, _c] = 1.0, -1.0
 
+_DIVIDED = "membrane stiffness"  # entry of the provenance
 _NO_MASS = 1e-12  # a moment of inertia below this fraction of its bound is round-off
 
 
@@ -80,6 +81,59 @@ def without_stiffening(body: FlexBody) -> FlexBody:
     )
     nodes = None if body.nodes is None else replace(body.nodes, bend_nodes=None, bend=None)
     return replace(body, centrifugal_stiffness=None, interfaces=ends, nodes=nodes, loads=loads)
+
+
+def with_stretching(body: FlexBody) -> FlexBody:
+    """The body in mean axes with geometric stiffening and what is left of its membrane stiffness.
+
+    Displacements of second order then turn no interface; moments in the surface of the body, which
+    geometric stiffening has not, are in the membrane stiffness.
+    """
+    whole = body.membrane_stiffness
+    if whole is None or body.centrifugal_stiffness is None or is_divided(body):
+        return body
+    turns = np.vstack([end.Phi_r for end in body.interfaces])
+    left, moved = whole.beside_geometric_stiffness(body.K, turns)
+    P = 0.5 * (body.P + body.P.swapaxes(0, 1))
+
+    def bent(point: _Point) -> _Point:
+        assert point.bend is not None
+        return replace(point, bend=point.bend + whole.curvatures(point.Phi_t @ moved))
+
+    nodes = body.nodes
+    if nodes is not None and (points := nodes.points_with_bend()):
+        nodes = replace(nodes, bend=np.array([bent(one).bend for one in points]))
+    return replace(
+        body,
+        centrifugal_stiffness=body.centrifugal_stiffness + whole.curvatures(P @ moved),
+        interfaces=tuple(bent(end) for end in body.interfaces),
+        nodes=nodes,
+        loads=tuple(
+            replace(one, points=bent_points(one.points, whole.curvatures(one.modal @ moved)))
+            for one in body.loads
+        ),
+        membrane_stiffness=left,
+        provenance={**body.provenance, _DIVIDED: "beside geometric stiffening"},
+    )
+
+
+def is_divided(body: FlexBody) -> bool:
+    """Whether geometric stiffening has a part of its membrane stiffness already."""
+    return _DIVIDED in body.provenance
+
+
+def bent_points(points: tuple[LoadPoint, ...], form: FloatArray) -> tuple[LoadPoint, ...]:
+    """The points of a load, with more second-order displacement of the first one with a force.
+
+    It is such that this force does the work of the geometric stiffness `form` of the whole load.
+    """
+    bends = [np.zeros((3, *form.shape)) if one.bend is None else one.bend.copy() for one in points]
+    for point, bend in zip(points, bends, strict=True):
+        axis = int(np.abs(point.wrench[:3]).argmax())
+        if point.wrench[axis]:
+            bend[axis] += form / point.wrench[axis]
+            break
+    return tuple(replace(point, bend=bend) for point, bend in zip(points, bends, strict=True))
 
 
 def without_modal_inertia(body: FlexBody, modes: Sequence[int]) -> FloatArray:

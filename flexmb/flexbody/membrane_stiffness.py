@@ -25,6 +25,7 @@ from flexmb.flexbody.arrays import Checker, FloatArray, IntArray
 
 _STEPS, _ITERATIONS = 8, 30  # of the load; of Newton's method in each of them, at most
 _CONVERGED = 1e-9  # change of the coordinates over these
+_NO_TURN = 1e-10  # flexibility of interfaces to moments, over the largest, that is round-off
 _MAIN_SHARE = 0.03  # strain energy of a main shape over the largest, from which on it is one
 
 
@@ -88,15 +89,25 @@ class MembraneStiffness:
             check.add("quadratic", "has a negative eigenvalue: stretching takes energy")
         check.raise_problems()
 
-    def beside_geometric_stiffness(self, K: FloatArray) -> MembraneStiffness:
+    def beside_geometric_stiffness(
+        self, K: FloatArray, turns: FloatArray
+    ) -> tuple[MembraneStiffness, FloatArray]:
         """What is left if geometric stiffening has the forces at interfaces and of inertia.
 
-        That is the energy of a body whose modes of stiffness K (m, m) move to where it is least.
+        With these the modes, of stiffness K (m, m), move by −K⁻¹ C y to where the energy is least.
+        Joints that hold the rotations `turns` (r, m) of interfaces then bend the body in its
+        surface by moments: the energy, if no interface turns by displacements of second order, and
+        the deformation (m, p) per product that these moments cause.
         """
-        left = self.quadratic - self.linear.T @ np.linalg.solve(K, self.linear)
+        free, bent = np.linalg.solve(K, self.linear), np.linalg.solve(K, turns.T)
+        left = self.quadratic - self.linear.T @ free
         values, vectors = np.linalg.eigh(left)
         left = (vectors * values.clip(0.0)) @ vectors.T
-        return MembraneStiffness(self.shapes, np.zeros_like(self.linear), left)
+        flexibility = turns @ bent
+        moments = np.linalg.pinv(flexibility, rcond=_NO_TURN, hermitian=True) @ turns @ free
+        left = left + moments.T @ flexibility @ moments
+        moved = np.asarray(-bent @ moments)
+        return MembraneStiffness(self.shapes, turns.T @ moments, left), moved
 
     def main_shapes(self, eta: FloatArray, K: FloatArray) -> MembraneStiffness:
         """That of the shapes with most of the strain energy in a deformation eta (m,).
@@ -146,14 +157,18 @@ class MembraneStiffness:
         """(m,) modal forces that oppose this deformation eta (m,), and their derivative (m, m)."""
         y, slopes = self.products(eta), self._slopes(eta)
         stress = self.linear.T @ eta + self.quadratic @ y
-        first, second = shape_pairs(len(self.shapes))
-        curvature = np.zeros((len(self.shapes),) * 2)
-        curvature[first, second] += stress
-        curvature[second, first] += stress
         forces = self.linear @ y + slopes.T @ stress
         both = self.linear @ slopes
         tangent = both + both.T + slopes.T @ self.quadratic @ slopes
-        return forces, tangent + self.shapes.T @ curvature @ self.shapes
+        return forces, tangent + self.curvatures(stress)
+
+    def curvatures(self, values: FloatArray) -> FloatArray:
+        """(..., m, m) second derivatives by eta of the products times values (..., p)."""
+        first, second = shape_pairs(len(self.shapes))
+        forms = np.zeros((*values.shape[:-1], *(len(self.shapes),) * 2))
+        forms[..., first, second] += values
+        forms[..., second, first] += values
+        return np.asarray(self.shapes.T @ forms @ self.shapes)
 
     def equilibrium(self, eta: FloatArray, compliance: FloatArray) -> FloatArray | None:
         """(m,) deformation under the load that without membrane stiffness causes eta (m,).

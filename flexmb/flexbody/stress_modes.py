@@ -91,11 +91,6 @@ class StressModes:
             check.add("ids", "must be ascending")
         check.raise_problems()
 
-    @property
-    def m(self) -> int:
-        """Number of modal coordinates."""
-        return int(self.modes.shape[2])
-
     def layer_and_part(self, words: Sequence[str]) -> tuple[str | None, str | None]:
         """The layer and the section that words of a name state: top, skin, or top and skin.
 
@@ -132,7 +127,7 @@ class StressModes:
     def at(self, eta: FloatArray, rows: IntArray | slice = slice(None)) -> FloatArray:
         """(..., k, 6) stress for modal coordinates (..., m) at all places, or at some rows [Pa]."""
         modes = self.modes[rows]
-        flat = modes.reshape(-1, self.m).astype(np.float64)
+        flat = modes.reshape(-1, self.modes.shape[-1]).astype(np.float64)
         return np.asarray((eta @ flat.T).reshape(*np.shape(eta)[:-1], len(modes), 6))
 
     def combined(self, Z: FloatArray) -> StressModes:
@@ -170,14 +165,9 @@ class SectionForceModes:
         set_fields(self, modes=check.floats("modes", self.modes, (b, 2, 6, None)))
         check.raise_problems()
 
-    @property
-    def m(self) -> int:
-        """Number of modal coordinates."""
-        return int(self.modes.shape[3])
-
     def at(self, eta: FloatArray) -> FloatArray:
         """(..., b, 2, 6) section forces for modal coordinates (..., m) [N, N m]."""
-        forces = eta @ self.modes.reshape(-1, self.m).T
+        forces = eta @ self.modes.reshape(-1, self.modes.shape[-1]).T
         return np.asarray(forces.reshape(*np.shape(eta)[:-1], len(self.elements), 2, 6))
 
     def combined(self, Z: FloatArray) -> SectionForceModes:
@@ -225,15 +215,10 @@ class ShellForceModes:
         set_fields(self, modes=check.floats("modes", self.modes, (k, 8, None), np.float32))
         check.raise_problems()
 
-    @property
-    def m(self) -> int:
-        """Number of modal coordinates."""
-        return int(self.modes.shape[2])
-
     def at(self, eta: FloatArray, rows: IntArray | slice = slice(None)) -> FloatArray:
         """(..., k, 8) resultants for modal coordinates (..., m) [N/m, N]."""
         modes = self.modes[rows]
-        flat = modes.reshape(-1, self.m).astype(np.float64)
+        flat = modes.reshape(-1, self.modes.shape[-1]).astype(np.float64)
         return np.asarray((eta @ flat.T).reshape(*np.shape(eta)[:-1], len(modes), 8))
 
     def combined(self, Z: FloatArray) -> ShellForceModes:

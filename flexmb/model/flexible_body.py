@@ -169,10 +169,10 @@ class FlexibleBodySpec(BodySpec):
         ReductionError
             The body has no data for an effect, or no such modes or interface.
         """
-        from flexmb.flexbody.effects import frame_at_interface, rigid_twin, without_stiffening
+        from flexmb.flexbody import effects
 
         if self.deformation == "rigid":
-            return rigid_twin(body)
+            return effects.rigid_twin(body)
         problems = self.frame_problems([part.name for part in body.interfaces])
         stiffened = body.centrifugal_stiffness is not None
         if self.geometric_stiffening == "full" and body.m and not stiffened:
@@ -185,6 +185,13 @@ class FlexibleBodySpec(BodySpec):
             what = "the body has no data for them: plates, shells and solids of such shapes have, "
             what += "with interfaces, in space, reduced from a mesh"
             problems.append(Problem("membrane_forces", what))
+        shortens = stiffened and self.geometric_stiffening != "none"
+        if stretches(self) and self.frame_interface is not None and body.m and not shortens:
+            what = 'at an interface membrane forces need geometric_stiffening = "full", by which '
+            problems.append(Problem("frame", what + "a body shortens as its frame turns"))
+        if effects.is_divided(body) and not (stretches(self) and shortens):
+            what = "the body is as a run with membrane forces and geometric stiffening used it: "
+            problems.append(Problem("flexbody", what + "take the file of its reduction"))
         problems += self.mode_problems(body.m) if body.m else []  # none: it is not reduced yet
         stiffness = np.diag(body.K)
         for k in () if problems else self.static_modes(body):
@@ -194,9 +201,11 @@ class FlexibleBodySpec(BodySpec):
         if problems:
             raise ReductionError.from_problems(problems)
         if stiffened and self.geometric_stiffening == "none":
-            body = without_stiffening(body)
+            body = effects.without_stiffening(body)
+        elif stretches(self):
+            body = effects.with_stretching(body)
         name = self.frame_interface
-        return body if name is None else frame_at_interface(body, name)
+        return body if name is None else effects.frame_at_interface(body, name)
 
     def effects_in_words(self, body: FlexBody | None = None, cutoff: float = math.inf) -> str:
         """The effects that a run includes, in words; with mode numbers once the body is reduced."""

@@ -15,14 +15,17 @@ from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 import numpy as np
 
-from flexmb.errors import FlexmbError
+from flexmb.errors import FlexmbError, SolverError
 from flexmb.flexbody.arrays import Array
 from flexmb.model.flexible_body import stretches
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.scenes.effects import with_words
 from flexmb.workflow.effect import (
+    COUPLING,
     DEFORMATION,
     DYNAMIC,
+    FRICTION,
+    GRAVITY,
     MODES,
     OUT_OF_PLANE,
     QUASI_STATIC,
@@ -55,6 +58,10 @@ _NO_CHANGE = 1e-7
 # above the second one [rad] are estimated with more rows, and with more again while both differ by
 # more than the third number.
 _DOUBTFUL, _TURN, _AGREEMENT = 0.01, 6.0, 0.3
+# Effects that are told by a run where small motions tell more than this share; of bodies those that
+# are on.
+_RUN_ALONE = (GRAVITY, FRICTION, "contact", "stops", COUPLING, f"full {COUPLING}")
+_FIRST_ORDER = 0.3
 _LINEAR = "as of linear deformations, which membrane forces lessen or enlarge"
 _AT_OTHER_TIMES = "contacts, stops or friction act at other times with it"
 
@@ -80,9 +87,27 @@ class Estimates:
             The neighbour cannot be made or run.
         """
         made, cost = self._estimate(effect)
-        large = max((one.share for one in made), default=0.0) > _DOUBTFUL
+        largest = max((one.share for one in made), default=0.0)
+        runs = effect.name in _RUN_ALONE and (effect.on or not effect.body)
+        if runs and largest > _FIRST_ORDER and not self.of.has_origin:
+            with suppress(FlexmbError):  # without it there may be no motion
+                pairs = zip(made, self._switched(effect), strict=True)
+                return [run if run.share else one for one, run in pairs], cost
+        large = largest > _DOUBTFUL
         turning = effect.name not in (DEFORMATION, VIBRATION) and self.of.turns > _TURN
         return self._settle(effect, made) if large and turning else made, cost
+
+    def _switched(self, effect: Effect) -> list[Contribution]:
+        """Contributions by a run with an effect switched over; zero for what rests in both."""
+        from flexmb.analysis.effects.contribution import contributions, round_off
+
+        model, now = self.of.neighbour(effect), self.of.motion
+        motion = self.of.motion_of(model, own := self.of.compile(model, self.of.bodies))[0]
+        if not np.array_equal(now.t, motion.t):
+            raise SolverError("the run without the effect has other rows")
+        histories, least = (now.channels, motion.channels), round_off(self.of.compiled, now)
+        change = motion.channels - now.channels
+        return contributions(model, histories, change, own.layout.channels, None, least)
 
     def _settle(self, effect: Effect, made: list[Contribution]) -> list[Contribution]:
         """Contributions with more rows, until these do not matter or there can be no more."""
@@ -114,7 +139,7 @@ class Estimates:
             with suppress(FlexmbError):  # without them all there may be no motion
                 return shared(made, self._each(alike), self._alone(*alike)), cost
         if effect.body and len(alike) > 1 and any(one.at_rest and one.share for one in made):
-            made = self._each(alike)[alike.index(effect)]
+            made = self._each(alike)[[one.body for one in alike].index(effect.body)]
         return made, cost
 
     def _each(self, effects: Sequence[Effect]) -> list[list[Contribution]]:
@@ -268,11 +293,12 @@ class Estimates:
         from flexmb.engine.bodies.static_modes import static_bodies
 
         words, specs = dict.fromkeys(mine, QUASI_STATIC), cast("Any", self.of.model.bodies)
-        now = self.of.compile(with_words(self.of.model, words), self.of.bodies)
+        slow = with_words(self.of.model, words)
+        now = self.of.compile(slow, self.of.bodies)
         framed = any(specs[name].frame_interface is not None for name in mine)
         if on and framed:
             return None, True
-        motion = self.of.motion_with(words, now)[0] if on else self.of.motion
+        motion = self.of.motion_of(slow, now)[0] if on else self.of.motion
         model = with_words(self.of.model, dict.fromkeys(mine, DYNAMIC))
         other = self.of.compile(model, self.of.bodies)
         histories, change, names = self._changes(now, other, model, motion, {}, inertia=mine)

@@ -248,9 +248,12 @@ def _add_membrane_forces(
     for body in lacking:
         spec, words = flexible[body], selection.words[body]
         is_open = "deformation" in words or spec.deformation == "dynamic"
-        if is_open and "membrane_forces" not in spec.model_fields_set:
+        needed = dict(_WORDS[MEMBRANE])
+        if spec.frame_interface is not None and spec.geometric_stiffening != "full":
+            needed |= _WORDS[STIFFENING]
+        if is_open and spec.model_fields_set.isdisjoint(needed.keys() - {"deformation"}):
             words.setdefault("membrane_forces", "none")
-            changed |= selection.switch(body, _WORDS[MEMBRANE], *why)
+            changed |= selection.switch(body, needed, *why)
     return changed
 
 

@@ -169,20 +169,15 @@ class ModelVariants:
         if names not in self._rigid:
             words = dict.fromkeys(names, RIGID)
             own = self.compile(with_words(self.dynamic[0], words), self.bodies)
-            motion, evaluations = self.motion_with(words, own)
+            motion, evaluations = self.motion_of(with_words(self.model, words), own)
             self._rigid[names] = own, motion, evaluations * evaluation_time(own)
         return self._rigid[names]
 
-    def motion_with(
-        self, words: Mapping[str, Mapping[str, str]], own: Compiled
-    ) -> tuple[Motion, float]:
-        """The motion of the scene with other options of bodies, and its number of evaluations.
-
-        `own`: the scene with these options, compiled.
-        """
+    def motion_of(self, model: Model, own: Compiled) -> tuple[Motion, float]:
+        """The motion of a variant, `own` if compiled, and its number of evaluations."""
         from flexmb.analysis.effects.stored_motion import read_motion
 
-        model, finer = with_words(self.model, words), {"outputs": len(self.motion.t) - 1}
+        model, finer = copy.copy(model), {"outputs": len(self.motion.t) - 1}
         if model.dynamics is not None and self.notes:  # the rows of another run
             model.dynamics = model.dynamics.model_copy(update=finer)
         self._runs += 1

@@ -224,3 +224,36 @@ def test_deformation_of_a_plate_that_stretches_is_not_that_of_the_linear_plate(w
     else:
         wanted = float(w[np.abs(w.imag).argmin()].real)
         assert float(row.value.split()[0]) == pytest.approx(wanted, rel=0.1)
+
+
+def double_pendulum():
+    """Two bars that fall from the horizontal; the frame of the second one is off its pin."""
+    model = Model("double pendulum", gravity=[0, -9.81, 0], plane="xy")
+    for name, x in (("a", 0.5), ("b", 1.5)):
+        model.add_body(name, mass=1.0, inertia=[0.01, 0.1, 0.1], position=[x, 0, 0])
+        model.add_marker(f"{name}.in", position=[-0.5, 0, 0])
+        model.add_marker(f"{name}.out", position=[0.5, 0, 0])
+    model.add_joint("first", "revolute", between=["ground", "a.in"], axis="z")
+    model.add_joint("second", "revolute", between=["a.out", "b.in"], axis="z")
+    model.add_sensor("tip", "position", of="b.out")
+    model.add_sensor("pin", "reaction", joint="first")
+    model.set_dynamics(duration=1.5, outputs=200, accuracy=1e-5, verify=False)
+    return model
+
+
+def test_gravity_that_is_the_whole_motion_contributes_all_of_it(tmp_path):
+    """Without gravity nothing moves. Small motions about the run tell half of the tip."""
+    _, _, one = audited(double_pendulum(), "gravity", tmp_path)
+    assert one.shares["tip"] == pytest.approx(
+        1.0, abs=0.02
+    )  # of the range; the change is from rest
+    assert one.shares["pin"] == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_stop_that_turns_a_pendulum_back_is_told_by_a_run_without(tmp_path):
+    model = pendulum(True, lower=-1.0)
+    run, _, one = audited(model, "stops", tmp_path)
+    model.set_effects(stops=False)
+    free = flexmb.simulate(model)
+    change = np.abs(free["angle"] - run["angle"]).max() / np.ptp(free["angle"])
+    assert one.share == pytest.approx(change, rel=1e-3) and not one.why

@@ -260,3 +260,84 @@ def test_more_shapes_than_modes_are_refused():
     """Files may come from anywhere, and the engine has room for as many as there are modes."""
     with pytest.raises(flexmb.FlexmbError, match="are 3, more than the 2 modes"):
         MembraneStiffness(np.ones((3, 2)), np.zeros((2, 6)), np.eye(6))
+
+
+@pytest.fixture(scope="module")
+def sheet():
+    """A steel sheet between two clamps, with a load at the middle of a free edge."""
+    mesh = {"type": "plate", "length": 0.4, "width": 0.3, "divisions": [16, 12]}
+    x, y, _ = mesh_from(mesh, "mesh").points.T
+    node = int(np.hypot(x - 0.2, y - y.max()).argmin())
+    push = {"type": "force", "node": node, "force": [0, 0, 1.0]}
+    return flexmb.reduce(
+        mesh, material="steel", sections={"surface": {"type": "shell", "thickness": 0.001}},
+        interfaces={"a": "x0", "b": "x1"}, modes=24, loads={"push": push}, name="sheet",
+        geometric_stiffening="full", residual="inertia", load_points=[(0.2, y.max(), 0)],
+    )  # fmt: skip
+
+
+BOTH = {"membrane_forces": "full", "geometric_stiffening": "full"}
+ALONE = {"membrane_forces": "full", "geometric_stiffening": "none"}
+
+
+@pytest.mark.parametrize("words", [ALONE, BOTH, {**BOTH, "frame": "interface a"}])
+def test_a_sheet_that_is_pushed_at_an_edge_bends_in_its_surface(sheet, words):
+    """Its edges would turn in the surface; by Ritz' method with 14 x 14 Legendre polynomials, von
+    Kármán, 2.245 mm, and 2.23 with 10 x 10."""
+    middle = (0.2, sheet.nodes.position[:, 1].max(), 0)
+    model = held(sheet, middle, **words)
+    model.add_force("push", "force", at="plate.middle", value=[0, 0, "20*t"])
+    found = float(flexmb.statics(model, duration=1.0, outputs=4)["middle.z"][-1])
+    assert found == pytest.approx(2.25e-3, rel=0.01)
+
+
+def test_what_is_left_out_beside_stiffening_has_moments_in_the_surface(sheet):
+    middle = (0.2, sheet.nodes.position[:, 1].max(), 0)
+    model = held(sheet, middle, geometric_stiffening="full")
+    model.add_force("push", "force", at="plate.middle", value=[0, 0, "20*t"])
+    result = flexmb.statics(model, duration=1.0, outputs=4)
+    (note,) = [one for one in result.notes if "membrane forces are left out" in one]
+    told = float(note.split("by about ")[1].split()[0]) / 100
+    assert told == pytest.approx(1 - 2.25e-3 / float(result["middle.z"][-1]), rel=0.1)
+
+
+@pytest.mark.parametrize("gravity", [[0, 2000, 0], [2000, 0, 0]])
+def test_inertia_in_the_surface_stiffens_a_sheet_once(sheet, gravity):
+    """Clamps take it by moments too. Without stiffening all of it is in the membrane stiffness."""
+    rates = []
+    for words in (ALONE, BOTH, {**BOTH, "frame": "interface b"}):
+        model = held(sheet, **words)
+        model.gravity = gravity
+        rates.append(flexmb.linearize(model).frequencies[:2])
+    assert rates[1] == pytest.approx(rates[0], rel=0.01)
+    assert rates[2] == pytest.approx(rates[0], rel=0.01)
+
+
+def test_a_frame_at_an_interface_needs_stiffening_too(sheet):
+    """A pulled cantilever deflected five times too far; by both alike with all effects."""
+    found = []
+    for words in (ALONE, {**BOTH, "frame": "interface a"}, {**ALONE, "frame": "interface a"}):
+        model = Model("plate")
+        model.add_body("plate", sheet, **words)
+        model.add_marker("ground.a", position=sheet.interface("a").position)
+        model.add_joint("a", "fixed", between=["ground.a", "plate.a"])
+        model.add_force("pull", "force", at="plate.b", value=[1000, 0, "t"])
+        model.add_sensor("tip", "position", of="plate.b")
+        if len(found) == 2:
+            with pytest.raises(flexmb.FlexmbError, match="frame: at an interface membrane forces"):
+                flexmb.statics(model)
+        else:
+            found.append(float(flexmb.statics(model, duration=1.0, outputs=2)["tip.z"][-1]))
+    assert found[1] == pytest.approx(found[0], rel=0.01)
+
+
+def test_a_body_that_is_prepared_twice_is_the_same(sheet):
+    model = held(sheet, **BOTH)
+    once = model.bodies["plate"].simulated(sheet)
+    again = model.bodies["plate"].simulated(once)
+    assert np.array_equal(once.interfaces[0].bend, again.interfaces[0].bend)
+    assert not np.array_equal(once.interfaces[0].bend, sheet.interfaces[0].bend)
+    for words in ({}, {"membrane_forces": "full", "geometric_stiffening": "none"}):
+        other = held(once, **(words or {"geometric_stiffening": "full"}))
+        with pytest.raises(flexmb.FlexmbError, match="take the file of its reduction"):
+            flexmb.statics(other)

@@ -71,7 +71,8 @@ class _Plate:
     @cached_property
     def beside(self) -> MembraneStiffness:
         """What of it geometric stiffening has not."""
-        return self.whole.beside_geometric_stiffness(self.body.K)
+        turns = np.vstack([end.Phi_r for end in self.body.interfaces])
+        return self.whole.beside_geometric_stiffness(self.body.K, turns)[0]
 
     @cached_property
     def beside_shapes(self) -> Array:
@@ -99,7 +100,8 @@ class _Plate:
     @property
     def stiffness(self) -> MembraneStiffness:
         """What of it the equations leave out, or have."""
-        return self.whole if self.body.centrifugal_stiffness is None else self.beside
+        divided = self.has_forces or self.body.centrifugal_stiffness is None
+        return self.whole if divided else self.beside
 
 
 class MembraneForcesMonitor:

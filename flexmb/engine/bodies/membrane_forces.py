@@ -44,14 +44,6 @@ class MembraneForces(NamedTuple):
     scratch: Scratch = None  # of one run
 
 
-def membrane_stiffness_of(body: FlexBody) -> MembraneStiffness | None:
-    """What membrane forces add to a body: less with geometric stiffening, which has a part."""
-    stiffness = body.membrane_stiffness
-    if stiffness is None or body.centrifugal_stiffness is None:
-        return stiffness
-    return stiffness.beside_geometric_stiffness(body.K)
-
-
 def membrane_tangents(
     table: NDArray[np.void], bodies: Sequence[FlexBody | None], q: NDArray[np.float64]
 ) -> dict[int, NDArray[np.float64]]:
@@ -62,9 +54,8 @@ def membrane_tangents(
     tangents = {}
     for row in np.flatnonzero(table["shapes"]).tolist():
         body, first = bodies[row], int(table["iq"][row]) + 7
-        stiffness = None if body is None else membrane_stiffness_of(body)
-        if body is not None and stiffness is not None:
-            tangents[row] = stiffness.forces(q[first : first + body.m])[1]
+        if body is not None and body.membrane_stiffness is not None:
+            tangents[row] = body.membrane_stiffness.forces(q[first : first + body.m])[1]
     return tangents
 
 

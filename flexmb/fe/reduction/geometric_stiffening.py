@@ -29,7 +29,7 @@ from flexmb.fe.reduction.inertia_relief import InertiaRelief, centrifugal_fields
 from flexmb.fe.reduction.missing_response import node_loads
 from flexmb.flexbody.arrays import FloatArray, skew
 from flexmb.flexbody.body import FlexBody
-from flexmb.flexbody.parts import LoadPoint
+from flexmb.flexbody.effects import bent_points
 from flexmb.flexbody.static_response import SYMMETRIC_PAIRS
 from flexmb.progress import Progress, silent
 
@@ -97,25 +97,11 @@ def with_geometric_stiffening(
             replace(part, bend=bend) for part, bend in zip(body.interfaces, bends, strict=True)
         ),
         loads=tuple(
-            replace(load, points=_bent(load.points, form))
+            replace(load, points=bent_points(load.points, form))
             for load, form in zip(body.loads, forms[own], strict=True)
         ),
         nodes=table,
     )
-
-
-def _bent(points: tuple[LoadPoint, ...], form: FloatArray) -> tuple[LoadPoint, ...]:
-    """The points of a load, with the second-order displacement of the first one with a force.
-
-    It is such that this force does the work of the geometric stiffness ``form`` of the whole load.
-    """
-    bends = np.zeros((len(points), 3, *form.shape))
-    for point, bend in zip(points, bends, strict=True):
-        axis = int(np.abs(point.wrench[:3]).argmax())
-        if point.wrench[axis]:
-            bend[axis] = form / point.wrench[axis]
-            break
-    return tuple(replace(point, bend=bend) for point, bend in zip(points, bends, strict=True))
 
 
 def require_stresses(

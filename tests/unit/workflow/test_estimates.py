@@ -67,3 +67,33 @@ def test_what_was_taken_in_is_told_as_by_the_run_without_it():
     assert (made.verdict, made.why) == ("needed", "as told of the run without it")
     assert earlier.outcome(replace(on, on=False), run, 0.01) is None
     assert earlier.outcome(replace(on, body=""), run, 0.01) is None
+
+
+def test_an_effect_is_found_among_those_of_more_rows_by_its_body(monkeypatch):
+    """Its indicator is of the rows, and ended an audit with a traceback."""
+    few = replace(COUPLING, on=True, indicator="Ω/ω1 0.092")
+    fine = [replace(few, body=body, indicator="Ω/ω1 0.093") for body in ("crank", "rod")]
+    told = [[Contribution("tip", "m", one, one, at_rest=True)] for one in (0.5, 0.2)]
+    monkeypatch.setattr(Estimates, "_alike", lambda self, effect: fine)
+    monkeypatch.setattr(Estimates, "_change", lambda self, *effects: (None, None, None, 1.0))
+    monkeypatch.setattr(Estimates, "_alone", lambda self, *effects: told[0])
+    monkeypatch.setattr(Estimates, "_each", lambda self, effects: told)
+    assert Estimates(None)._estimate(few) == (told[1], 1.0)
+
+
+@pytest.mark.parametrize(
+    ("effect", "share"),
+    [
+        (replace(COUPLING, on=True), 0.1),
+        (COUPLING, 0.5),  # off: a run with it may need another body
+        (Effect("gravity", "", False, ""), 0.1),
+        (Effect("damping", "", True, ""), 0.5),
+    ],
+)
+def test_large_effects_are_told_by_a_run(effect, share, monkeypatch):
+    of = SimpleNamespace(has_origin=False, turns=0.0)
+    estimated, run = ([Contribution("tip", "m", one, one)] for one in (0.5, 0.1))
+    monkeypatch.setattr(Estimates, "_estimate", lambda self, effect: (estimated, 1.0))
+    monkeypatch.setattr(Estimates, "_switched", lambda self, effect: run)
+    ((one,), _) = Estimates(of).estimate(effect)
+    assert one.share == share
