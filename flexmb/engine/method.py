@@ -60,6 +60,7 @@ class Settings(NamedTuple):
     stiff: int  # 1: the model has springs, flexible bodies or other stiffness
     determinate: int  # 1: the constraints alone fix the motion (no degree of freedom)
     static_after_step: int  # 1: quasi-static modes are solved for after a step, 0: within it
+    grows_after_events: int = 0  # 1: steps grow from event to event as fast as their error allows
 
 
 HIGH_ORDER = 5  # least order of methods that lose most of it if forces jump

@@ -66,6 +66,9 @@ _MIN_FACTOR, _MAX_FACTOR, _MAX_FACTOR_STATIC = 0.2, 5.0, 3.0
 # If a change of the step size is costly (Method.prefers_constant_step): largest ratio of the next
 # step to this one; the step size stays if the ratio that the error allows is between the other two.
 _MAX_FACTOR_COSTLY, _GROW_ABOVE, _SHRINK_BELOW = 2.0, 1.25, 0.8
+# A step below this share of the one that met the last event was short for its sake alone: it grows
+# by up to _MAX_FACTOR (Settings.grows_after_events).
+_SHORT_BY_EVENT = 0.02
 # Below this share of the allowed error the model is at rest but for round-off, from which no
 # stability limit of an explicit method follows: the step may then grow by this factor.
 _NOISE_RATIO, _NOISE_GROWTH = 1e-6, 1.2
@@ -395,6 +398,9 @@ def record_step(method, settings, st, error, h):
         # at rest but for round-off: the rate that limits stable_step is not known
         least = _NOISE_GROWTH * h if ratio < _NOISE_RATIO else 0.0
         memory["next_step"] = min(longer, max(memory["stable_step"], least))
+    elif settings.grows_after_events == 1 and h < _SHORT_BY_EVENT * memory["step_before_event"]:
+        memory["next_step"] = max(memory["next_step"], h * min(factor, _MAX_FACTOR))
+        memory["steps_until_growth"] = 0.0
     elif factor > _GROW_ABOVE and memory["steps_until_growth"] == 0.0:
         memory["next_step"] = max(memory["next_step"], h * min(factor, _MAX_FACTOR_COSTLY))
     elif factor < _SHRINK_BELOW:

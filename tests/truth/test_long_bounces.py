@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from accuracyscenes import SCENES, truth_of
 from accuracyscenes.judging import METHODS, judged
 from scipy.integrate import solve_ivp
 
@@ -66,3 +67,12 @@ def test_radau_states_the_error_of_many_bounces(make, duration, accuracy, least)
                    **METHODS["radau"])  # fmt: skip
     assert found.is_reached(accuracy), found
     assert not found.is_near(accuracy) or found.share > least, found
+
+
+def test_radau_leaves_an_event_in_few_steps():
+    """They grew from 3e-7 s by ten equal ones and 17 doublings: 756 steps."""
+    scene = SCENES["mass between stops"]
+    found = judged(scene.make(1.0), lambda t: truth_of(scene, t), duration=scene.duration,
+                   outputs=scene.outputs, accuracy=1e-3, **METHODS["radau"])  # fmt: skip
+    assert found.is_reached(1e-3), found
+    assert found.steps < 650, found

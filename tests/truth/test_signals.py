@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from accuracyscenes.judging import judged
 from accuracyscenes.switches import between_switches
 from scipy import signal
 from scipy.integrate import solve_ivp
@@ -182,6 +183,30 @@ def test_a_force_that_follows_acceleration_is_a_mass(method):
     found = run(model, duration=1.0, accuracy=1e-6, outputs=4, method=method)
     np.testing.assert_allclose(found["a.x"], 1 / 1.5, rtol=1e-9)
     np.testing.assert_allclose(found["x.x"], found.t**2 / 3.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("unit", [1e-12, 1e9])
+@pytest.mark.parametrize("method", ["radau", "generalized-alpha"])
+def test_a_motor_does_not_depend_on_the_unit_of_its_current(method, unit):
+    """One side of the coupling of wheel and current is up to 1e24 times the other.
+
+    With the symmetric part of the matrix corrections were so small that they were taken for noise.
+    """
+    model = wheel()
+    model.add_sensor("w", "angle", joint="hinge", derivative=1)
+    model.add_state("i", rate=f"1e4*({unit!r}*(5*sin(3*t) - 0.2*w) - i)")
+    model.add_force("motor", "rotational-spring-damper", joint="hinge",
+                    value=f"{0.2 / unit!r}*i - 10*angle")  # fmt: skip
+
+    def slope(t, y):
+        return [y[1], (0.2 * y[2] - 10 * y[0]) / 0.5, 1e4 * (5 * np.sin(3 * t) - 0.2 * y[1] - y[2])]
+
+    def truth(t):
+        tight = {"rtol": 1e-10, "atol": 1e-12}
+        return {"angle": solve_ivp(slope, (0, 2), [0, 0, 0], "Radau", t, **tight).y[0]}
+
+    found = judged(model, truth, duration=2, outputs=20, method=method, accuracy=1e-5)
+    assert found.is_reached(1e-5), found
 
 
 def test_a_force_that_follows_a_reaction():

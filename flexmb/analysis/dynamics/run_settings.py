@@ -15,6 +15,8 @@ from flexmb.engine import method
 from flexmb.engine.bodies.motion import RELATIVE_ROUND_OFF
 from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
+from flexmb.engine.forces.contact import CONTACTS
+from flexmb.engine.forces.force_characteristic import FORCE_CHARACTERISTICS
 from flexmb.engine.geometry import extents_of_parts
 from flexmb.engine.joints import ANGLE
 from flexmb.engine.stage_tables import kinds_of
@@ -217,7 +219,20 @@ def loop_settings(
         static_after_step=int(
             static is not None and (integrator.stages > 0 or bool(static.kinetostatic.any()))
         ),
+        grows_after_events=int(
+            integrator.collocation > 0 and math.isinf(least_fractional_exponent(compiled))
+        ),
     )
+
+
+def least_fractional_exponent(compiled: Compiled) -> float:
+    """The least exponent of a contact or stop, no whole number; infinite: there is none."""
+    kinds, none = compiled.system.kinds, np.zeros(0)
+    contacts, laws = (kinds.get(one.name) for one in (CONTACTS, FORCE_CHARACTERISTICS))
+    of_contacts = none if contacts is None else contacts.rows["n"]
+    of_stops = none if laws is None else laws.rows["exponent"][laws.rows["stop"] == 1]
+    exponents = np.concatenate([of_contacts, of_stops])
+    return float(exponents[exponents % 1.0 > 0.0].min(initial=np.inf))
 
 
 def set_least_motion(

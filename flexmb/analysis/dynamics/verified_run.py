@@ -26,6 +26,7 @@ from flexmb.analysis.dynamics.measured_error import MeasuredError, QuantityError
 from flexmb.analysis.dynamics.run_settings import (
     damps_vibrations,
     fine_settings,
+    least_fractional_exponent,
     scout_rows,
     scout_settings,
 )
@@ -33,8 +34,6 @@ from flexmb.analysis.dynamics.vibration_error import DAMPED_RATIO
 from flexmb.engine import method
 from flexmb.engine.allocation import new_plan
 from flexmb.engine.compile import Compiled
-from flexmb.engine.forces.contact import CONTACTS
-from flexmb.engine.forces.force_characteristic import FORCE_CHARACTERISTICS
 from flexmb.engine.state import Plan, State
 from flexmb.errors import FlexmbError
 from flexmb.model.model import Model
@@ -147,7 +146,8 @@ class VerifiedRun:
         if self.fine.settings.static_after_step == 1:
             highest = min(highest, _STATIC_ORDER)
         if implicit and self._has_many_events:
-            highest = min(highest, _CONTACT_ORDER + self._contact_exponent)
+            exponent = least_fractional_exponent(self.fine.compiled)
+            highest = min(highest, _CONTACT_ORDER + exponent)
         steps, last = self.scout.state.count[0]["steps"], passes["last_steps"]
         known = 0.0 < passes["last_difference"] < _SAME_MOTION
         if not known or steps < _MIN_STEP_GROWTH * last or (now := self.difference) == 0.0:
@@ -161,16 +161,6 @@ class VerifiedRun:
         """Whether so many steps end at events that their errors count."""
         count = self.fine.state.count[0]
         return bool(count["events"] > _MIN_EVENTS * count["steps"])
-
-    @property
-    def _contact_exponent(self) -> float:
-        """The least exponent of a contact or stop, no whole number; infinite: there is none."""
-        kinds, none = self.fine.compiled.system.kinds, np.zeros(0)
-        contacts, laws = (kinds.get(one.name) for one in (CONTACTS, FORCE_CHARACTERISTICS))
-        of_contacts = none if contacts is None else contacts.rows["n"]
-        of_stops = none if laws is None else laws.rows["exponent"][laws.rows["stop"] == 1]
-        exponents = np.concatenate([of_contacts, of_stops])
-        return float(exponents[exponents % 1.0 > 0.0].min(initial=np.inf))
 
     @property
     def ratio(self) -> float:

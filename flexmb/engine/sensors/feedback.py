@@ -223,6 +223,8 @@ FEEDBACK = Kind(
     {"feedback": evaluate_functions, "matrix": add_tangents, "events": put_events},
     does_work=True,
     stiff=True,
+    # a state in small numbers acts on a body by a large factor, the body on it by a small one
+    unsymmetric=lambda feedback: len(feedback.tangents) > 0,
 )
 
 
