@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from accuracyscenes import SCENES
 from accuracyscenes.judging import judged
-from accuracyscenes.states import HIRES_END, OREGO_END, POLLUTION_END
+from accuracyscenes.states import HIRES_END, OREGO_END, POLLUTION_END, system
 
 
 @pytest.mark.parametrize(
@@ -36,3 +36,16 @@ def test_auto_leaves_an_explicit_method_that_stability_limits():
     assert not found.message
     assert found.statistics["method"] == "radau"
     assert found.is_reached(1e-8)
+
+
+@pytest.mark.parametrize("method", ["generalized-alpha", "radau"])
+def test_fixed_steps_pass_states_at_rest(method):
+    """Of a stiff pair at 1 and a state of their difference: round-off of the pair is not its own.
+
+    Round-off of a state by its scale, 0 with fixed steps, let Newton's method fail at once.
+    """
+    rates = ["-1e6*(y1 - y2) + sin(t)", "1e6*(y1 - y2)", "1e6*(y1 - y2) - y3"]
+    model = system(rates, [1.0, 1.0, 0.0])()
+    found = judged(model, duration=2.0, outputs=20, step=0.01, method=method)
+    assert not found.message
+    assert found.statistics.get("failed_steps", 0) == 0

@@ -121,7 +121,7 @@ class MeasuredError:
             "error_count": self._growth.count, "error_largest": self._largest,
             "error_range": self.comparison.range, "error_growth": self._growth.table,
             "error_samples": self._samples.table, "error_sampled": self._samples.count,
-            "error_before": self._before, "error_round_off": self.round_off,
+            "error_last_pass": self._before, "error_round_off": self.round_off,
             "error_damped": self.vibrations.table, "error_of_values": self._of_values,
         }  # fmt: skip
 

@@ -71,7 +71,7 @@ _MIN_GROWTH = 10.0
 # on a Hertzian contact, and a ratchet, 7 exceed twice the request without it, 0 with it; of some 40
 # errors near the request 23 or 4 are stated as less than a third, 3 or 12 as more than three times,
 # at a cost of 1.12. With n + 1: 0, 1, 21 at 1.27. With n = 1 all of 80 runs are right.
-_CONTACT_ORDER, _MIN_EVENTS = 1.5, 0.005
+_FRACTIONAL_ORDER, _MIN_EVENTS = 1.5, 0.005
 _STATIC_ORDER = 3.0  # order of positions with kinetostatic modes, whose rates are those of cubics
 # Stability limits a scout if more than this share of all steps are at its stability limit.
 _LIMITED_SHARE = 0.02
@@ -147,7 +147,7 @@ class VerifiedRun:
             highest = min(highest, _STATIC_ORDER)
         if implicit and self._has_many_events:
             exponent = least_fractional_exponent(self.fine.compiled)
-            highest = min(highest, _CONTACT_ORDER + exponent)
+            highest = min(highest, _FRACTIONAL_ORDER + exponent)
         steps, last = self.scout.state.count[0]["steps"], passes["last_steps"]
         known = 0.0 < passes["last_difference"] < _SAME_MOTION
         if not known or steps < _MIN_STEP_GROWTH * last or (now := self.difference) == 0.0:

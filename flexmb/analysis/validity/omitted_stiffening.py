@@ -275,18 +275,19 @@ class OmittedBendMonitor:
     def indicators(self) -> Iterator[Indicator]:
         """What each sensor lacks, over the range of its channel."""
         ranges = np.broadcast_to(self._most - self._least, len(self._channels))
-        for (name, columns, node, *_), (*change, t) in zip(
+        for (name, columns, lacking, *_), (*change, t) in zip(
             self._sensors, self._largest, strict=True
         ):
             own = [k for k, one in enumerate(self._channels) if one.partition(".")[0] == name]
             least = max(_LEAST_RANGE * ranges[own].max(), np.finfo(float).tiny)
             axes = {k: "xyz".find(self._channels[k][-1]) for k in own if ranges[k] > least}
             share = max((float(change[axis] / ranges[k]) for k, axis in axes.items()), default=0.0)
+            option = " ".join(f"--load-point {node}" for node in lacking.split(" and "))
             words = (
-                f"sensors.{name}: bodies.{columns.name} does not know how node {node} comes nearer "
-                f"as it bends, about {percent(share)} of the range of the sensor (t = "
-                f"{self._units.say(t, 's', 4)}); make the node an interface, or reduce the body "
-                f"with it among its load_points (flexmb reduce --load-point {node})"
+                f"sensors.{name}: bodies.{columns.name} does not know how node {lacking} comes "
+                f"nearer as it bends, about {percent(share)} of the range of the sensor (t = "
+                f"{self._units.say(t, 's', 4)}); make it an interface, or reduce the body with it "
+                f"among its load_points (flexmb reduce {option})"
             )
             level = LARGEST_SENSOR_CHANGE
             yield Indicator(columns.name, "bend", share, t, level, partial(str, words))
@@ -294,9 +295,10 @@ class OmittedBendMonitor:
 
 def _sensors_without_bend(
     compiled: Compiled, model: Model
-) -> Iterator[tuple[str, BodyColumns, int, Array, tuple[int, Array]]]:
-    """Sensors at such nodes: name, body, node, about its bend (3, m, m); their axes: the first
-    column in q of a body, -1 of the ground, and a matrix (3, 3) in its axes."""
+) -> Iterator[tuple[str, BodyColumns, str, Array, tuple[int, Array]]]:
+    """Sensors at such nodes: name, body, nodes in words, about the bend (3, m, m) of what is
+    measured less that of where from; the axes: the first column in q of a body, -1 of the ground,
+    and a matrix (3, 3) in its axes."""
     first = {one.name: one.iq for one in compiled.layout.bodies}
     for columns, body in flexible_columns(compiled):
         nodes = body.nodes
@@ -305,24 +307,24 @@ def _sensors_without_bend(
         for name, spec in model.sensors.items():
             if not isinstance(spec, MarkerSensorSpec) or spec.type != "position":
                 continue
-            for marker in (spec.of, spec.relative_to or ""):
+            lacking, bend = list[str](), np.zeros((3, columns.m, columns.m))
+            for sign, marker in ((1.0, spec.of), (-1.0, spec.relative_to or spec.seen_from or "")):
                 if marker.partition(".")[0] != columns.name:
                     continue
                 place = place_marker(model, marker, compiled.flexbodies)
                 if place.bend is None and place.Phi_t is not None:
                     away = ((nodes.position - place.rho) ** 2).sum(axis=1)
-                    bend = _bend_beside_interfaces(body.interfaces, nodes, nodes.Phi_r, place.rho)
-                    axes = spec.axes if spec.seen_from is None else spec.seen_from
-                    R, owner = np.eye(3), axes.partition(".")[0]
-                    if axes != "global":
-                        R = place_marker(model, axes, compiled.flexbodies).R
-                    yield (
-                        name,
-                        columns,
-                        int(nodes.ids[away.argmin()]),
-                        bend,
-                        (first.get(owner, -1), R),
+                    lacking.append(f"{int(nodes.ids[away.argmin()])}")
+                    bend += sign * _bend_beside_interfaces(
+                        body.interfaces, nodes, nodes.Phi_r, place.rho
                     )
+            if not lacking:
+                continue
+            axes = spec.axes if spec.seen_from is None else spec.seen_from
+            R, owner = np.eye(3), axes.partition(".")[0]
+            if axes != "global":
+                R = place_marker(model, axes, compiled.flexbodies).R
+            yield name, columns, " and ".join(lacking), bend, (first.get(owner, -1), R)
 
 
 def _bend_beside_interfaces(
