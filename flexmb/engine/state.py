@@ -71,7 +71,8 @@ class State(NamedTuple):
     power_before: Matrix  # (2, 3) power one and two steps earlier; NaN after a start
     angles: Vector  # (channels,) continuous joint angles of the angle sensors, rad
     q_first: Vector  # (nq,) positions at the start, for displacements
-    first_round_off: Matrix  # (2, nv) round-off of corrections at the start; 1: a driver acts there
+    # (2, nv) round-off of corrections at the start; 1: a driver acts there, or no body on states
+    first_round_off: Matrix
     q_scale: Vector  # (nv,) error scale of positions: largest displacement so far, weighted
     v_scale: Vector  # (nv,) error scale of velocities: largest velocity so far, weighted
     memory: array_of(INTEGRATOR_MEMORY)  # (1,)

@@ -19,6 +19,7 @@ from flexmb.engine.forces.contact import CONTACTS
 from flexmb.engine.forces.force_characteristic import FORCE_CHARACTERISTICS
 from flexmb.engine.geometry import extents_of_parts
 from flexmb.engine.joints import ANGLE
+from flexmb.engine.sensors.feedback import FEEDBACK
 from flexmb.engine.stage_tables import kinds_of
 from flexmb.engine.state import State
 from flexmb.flexbody.arrays import Array
@@ -284,13 +285,24 @@ def set_first_round_off(compiled: Compiled, state: State) -> None:
     turn = np.divide(away, size, out=np.full(len(size), _ROUND_OFF_FACTOR), where=size > 0.0)
     places, coordinates = away / compiled.length, system.parts.coordinates
     _put_joint_coordinates(compiled, turn, away, places)
-    places[coordinates["iv"][coordinates["state"] == 1]] = _ROUND_OFF_FACTOR
+    states = coordinates["iv"][coordinates["state"] == 1]
+    places[states] = _ROUND_OFF_FACTOR
     for iv in bodies["iv"]:
         places[iv + 3 : iv + 6] = turn[iv + 3 : iv + 6]
     ends = rows[rows["fun"] >= 0]
     on = np.concatenate([markers["body"][ends[end]] for end in "IJ"])
     is_driven = np.isin(of, of[bodies["iv"][on[on >= 0]]])
+    is_driven[states] = not _bodies_act_on_states(compiled)
     state.first_round_off[:] = RELATIVE_ROUND_OFF * places, is_driven
+
+
+def _bodies_act_on_states(compiled: Compiled) -> bool:
+    """Whether the rate of a state depends on the motion of bodies, and on its round-off."""
+    feedback = compiled.system.kinds.get(FEEDBACK.name)
+    if feedback is None:
+        return False
+    of_states = feedback.tangents["state"][feedback.tangents["kind"] == -1]
+    return bool(feedback.implicit == 1 or np.any(of_states < 0))
 
 
 def _put_joint_coordinates(compiled: Compiled, turn: Array, way: Array, out: Array) -> None:

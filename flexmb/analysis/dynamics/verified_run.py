@@ -219,6 +219,10 @@ class VerifiedRun:
             self.jumps.add_steps(knots, fine.settings.refinement)
         return status, rows
 
+    def counted_rows(self, values: np.ndarray) -> np.ndarray:
+        """Those of the first rows (k, ...) of the scout at which differences count."""
+        return np.asarray(values[self.counted[self.of_scout][: len(values)]])
+
     def _newest(self, which: np.ndarray, block: OutputBlock) -> np.ndarray:
         """The entries of `which` for the rows of the last block of the fine run."""
         behind = int(self.fine.state.count[0]["outputs"])
@@ -307,7 +311,8 @@ def measure_round_off_growth(
             chunks = _repeated_chunks(verified, begin, progress)
         runs = [_rows_on_moved_steps(verified, begin, chunks, _KNOT_SHIFT, progress)]
         more = verified.fine.settings.refinement
-        error.set_round_off([np.vstack([chunk.values for chunk in chunks]), *runs], more)
+        own = verified.counted_rows(np.vstack([chunk.values for chunk in chunks]))
+        error.set_round_off([own, *runs], more)
         if error.amplified_round_off() > _MIN_AMPLIFIED * accuracy:
             runs += [
                 _rows_on_moved_steps(verified, begin, chunks, shift, progress)
@@ -365,7 +370,7 @@ def _rows_on_moved_steps(
         if status != method.SUCCESS:
             break
         progress("integrate", 1.0, f"measures round-off, t = {run.state.t[0]:.4g} s")
-    return np.vstack(rows)
+    return verified.counted_rows(np.vstack(rows))
 
 
 def _set_moved_plan(run: Integration, knots: np.ndarray, shift: float) -> None:

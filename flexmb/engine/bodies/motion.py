@@ -111,8 +111,8 @@ def put_dq_round_off(run: Run, h: float) -> int:
 
     It is the largest of four: its value at the first pose (State.first_round_off); the round-off of
     the driver functions, where a driver acts; that of the displacement so far; and that of the
-    present position. Of a state, a velocity whose position no force needs, it is that of its value
-    times the size h of a step under error control, and that at the first pose with fixed steps.
+    present position. Of a state, a velocity whose position no force needs, it is that at the first
+    pose; under error control, if no body acts on it, that of its value times the size h of a step.
     """
     st, tr, bodies, rows = run.state, run.work.trial, run.system.parts.bodies, run.system.rows
     coordinates = run.system.parts.coordinates
@@ -134,8 +134,9 @@ def put_dq_round_off(run: Run, h: float) -> int:
         o, far = coordinates[k]["iv"], RELATIVE_ROUND_OFF * abs(st.q[coordinates[k]["iq"]])
         places[o] = max(places[o], far * weights[o])
         if coordinates[k]["state"] == 1:
+            alone = first[1, o] == 1.0 and run.settings.step == 0.0
             size = h * max(abs(st.v[o]) * weights[o], st.v_scale[o])
-            places[o] = first[0, o] * (size if run.settings.step == 0.0 else 1.0)
+            places[o] = first[0, o] * (size if alone else 1.0)
     return SUCCESS
 
 
