@@ -160,13 +160,13 @@ class Equilibrium:
             return None
 
     def is_of_family(self, other: Equilibrium) -> bool:
-        """Whether another one has the same energy and vibrations, both with neutral motions.
+        """Whether another one has the same energy and vibrations, and one of both neutral motions.
 
-        Bodies that rest in these are in the same places.
+        Bodies that rest in these are in the same places. (The rate of a neutral motion of the other
+        one may be just above its round-off.)
         """
         a, b = self._linearized, other._linearized
-        count = self.neutral_motions
-        if a is None or b is None or not count or count != other.neutral_motions:
+        if a is None or b is None or not max(self.neutral_motions, other.neutral_motions):
             return False
         still = self.bodies_at_rest & other.bodies_at_rest
         if separation(self.compiled, self.state.q, other.state.q, still)[0] > _SAME_PLACE:
