@@ -30,9 +30,13 @@ from flexmb.progress import Progress, silent
 
 
 def with_recovery(
-    body: FlexBody, fe: FEMatrices, Phi: FloatArray, stress: bool | str = True, progress: Progress
-    = silent, omitted: FloatArray | None = None,
-) -> FlexBody:  # fmt: skip
+    body: FlexBody,
+    fe: FEMatrices,
+    Phi: FloatArray,
+    stress: bool | str = True,
+    progress: Progress = silent,
+    omitted: FloatArray | None = None,
+) -> FlexBody:
     """The body with its stress, the section forces of its beams and the resultants of its shells.
 
     Parameters

@@ -46,13 +46,24 @@ Words = Mapping[str, Mapping[str, Any]]
 
 @blas_threads()
 def part(
-    mesh: MeshLike, *, units: str = "SI", material: MaterialLike | None = None, sections:
-    Mapping[str, Any] | None = None, interfaces: Mapping[str, InterfaceLike] | None = None, ties:
-    Words | None = None, masses: Words | None = None, springs: Words | None = None, mass_matrix:
-    str = "consistent", supports: Words | None = None, loads: Words | None = None, frequencies: Any
-    = None, buckling: int = 0, preload: bool = False, name: str | None = None, progress: Progress =
-    silent,
-) -> PartResult:  # fmt: skip
+    mesh: MeshLike,
+    *,
+    units: str = "SI",
+    material: MaterialLike | None = None,
+    sections: Mapping[str, Any] | None = None,
+    interfaces: Mapping[str, InterfaceLike] | None = None,
+    ties: Words | None = None,
+    masses: Words | None = None,
+    springs: Words | None = None,
+    mass_matrix: str = "consistent",
+    supports: Words | None = None,
+    loads: Words | None = None,
+    frequencies: Any = None,
+    buckling: int = 0,
+    preload: bool = False,
+    name: str | None = None,
+    progress: Progress = silent,
+) -> PartResult:
     """Solve a part by itself: one mesh with supports and loads.
 
     Parameters
@@ -140,9 +151,13 @@ def part(
 
 
 def _read_part(
-    collector: ProblemCollector, supports: Words, loads: Words, frequencies: Any, buckling: int,
+    collector: ProblemCollector,
+    supports: Words,
+    loads: Words,
+    frequencies: Any,
+    buckling: int,
     preload: bool,
-) -> PartAnalysisOptions | None:  # fmt: skip
+) -> PartAnalysisOptions | None:
     """The options of a part analysis; mistakes in them go to ``collector``."""
     errors = len(collector.errors)
     supported = {

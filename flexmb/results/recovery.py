@@ -59,9 +59,15 @@ class Recovery(ResultReader):
     """Stress and section forces of the flexible bodies of a run; see `Result`."""
 
     def stress(
-        self, body: str, time: Time | None = None, *, node: int | None = None, layer: str | None =
-        None, section: str | None = None, mode_acceleration: bool = False,
-    ) -> Stress:  # fmt: skip
+        self,
+        body: str,
+        time: Time | None = None,
+        *,
+        node: int | None = None,
+        layer: str | None = None,
+        section: str | None = None,
+        mode_acceleration: bool = False,
+    ) -> Stress:
         """Stress components of a flexible body, averaged at the nodes of each section.
 
         Parameters
@@ -97,9 +103,15 @@ class Recovery(ResultReader):
         return Stress(self.in_scene_units(values, "Pa"), *labels(modes, rows))
 
     def von_mises(
-        self, body: str, time: Time | None = None, *, node: int | None = None, layer: str | None =
-        None, section: str | None = None, mode_acceleration: bool = False,
-    ) -> Stress:  # fmt: skip
+        self,
+        body: str,
+        time: Time | None = None,
+        *,
+        node: int | None = None,
+        layer: str | None = None,
+        section: str | None = None,
+        mode_acceleration: bool = False,
+    ) -> Stress:
         """The von Mises stress of a flexible body; parameters and errors as for `stress`.
 
         Returns
@@ -247,9 +259,13 @@ class Recovery(ResultReader):
         return self._stresses(body, modes, rows, None, mode_acceleration)
 
     def _stresses(
-        self, body: str, modes: StressModes, rows: IntArray, time: Time | None, mode_acceleration:
-        bool,
-    ) -> Iterator[tuple[slice, Array]]:  # fmt: skip
+        self,
+        body: str,
+        modes: StressModes,
+        rows: IntArray,
+        time: Time | None,
+        mode_acceleration: bool,
+    ) -> Iterator[tuple[slice, Array]]:
         """Batches of output times and their stress (t, k, 6) at places [Pa]."""
         width = 6 * len(rows)
         omitted = self.flexbody(body).omitted_stress

@@ -85,9 +85,14 @@ class Contents:
 
 
 def create_content(
-    file: h5py.File, columns: Columns, rows: int, stored: StoredColumns, scene: Mapping[str, Any],
-    texts: Mapping[str, str], flexbodies: Mapping[str, str],
-) -> None:  # fmt: skip
+    file: h5py.File,
+    columns: Columns,
+    rows: int,
+    stored: StoredColumns,
+    scene: Mapping[str, Any],
+    texts: Mapping[str, str],
+    flexbodies: Mapping[str, str],
+) -> None:
     """Write everything that is fixed before the run, and reserve `rows` rows of every table."""
     file.attrs["format"] = _FORMAT
     file.attrs["version"] = _VERSION

@@ -111,9 +111,13 @@ class StressEnvelopes(Recovery):
         return PeakStress(one.largest, one.time_of_largest, one.node, one.layer, one.part)
 
     def stress_envelope(
-        self, body: str, quantity: str = "von_mises", *, layer: str | None = None,
+        self,
+        body: str,
+        quantity: str = "von_mises",
+        *,
+        layer: str | None = None,
         mode_acceleration: bool = False,
-    ) -> StressEnvelope:  # fmt: skip
+    ) -> StressEnvelope:
         """Largest and least stress over the run at each place, and when; rows are read as needed.
 
         Parameters
@@ -150,9 +154,14 @@ class StressEnvelopes(Recovery):
         )
 
     def hot_spots(
-        self, body: str, count: int = 10, *, distance: float | None = None, layer: str | None =
-        None, mode_acceleration: bool = False,
-    ) -> list[HotSpot]:  # fmt: skip
+        self,
+        body: str,
+        count: int = 10,
+        *,
+        distance: float | None = None,
+        layer: str | None = None,
+        mode_acceleration: bool = False,
+    ) -> list[HotSpot]:
         """Places where the von Mises stress over the run is largest, each the maximum of its
         surroundings.
 
@@ -191,9 +200,15 @@ class StressEnvelopes(Recovery):
 
 
 def export_stress(
-    result: StressEnvelopes, path: str | Path, body: str, *, time: Time | None = None, nodes:
-    Sequence[int] | None = None, layer: str | None = None, mode_acceleration: bool = False,
-) -> Path:  # fmt: skip
+    result: StressEnvelopes,
+    path: str | Path,
+    body: str,
+    *,
+    time: Time | None = None,
+    nodes: Sequence[int] | None = None,
+    layer: str | None = None,
+    mode_acceleration: bool = False,
+) -> Path:
     """Write stress of a flexible body: components, von Mises, principal stresses.
 
     Parameters

@@ -83,9 +83,15 @@ class ResultWriter:
     """
 
     def __init__(
-        self, path: str | Path, layout: Layout, n_outputs: int, *, scene: Mapping[str, Any],
-        flexbodies: Mapping[str, str] | None = None, texts: Mapping[str, str] | None = None,
-    ) -> None:  # fmt: skip
+        self,
+        path: str | Path,
+        layout: Layout,
+        n_outputs: int,
+        *,
+        scene: Mapping[str, Any],
+        flexbodies: Mapping[str, str] | None = None,
+        texts: Mapping[str, str] | None = None,
+    ) -> None:
         self.path = Path(path)
         self.columns = Columns.of(layout)
         self.stored = stored_columns(self.columns, scene)

@@ -51,10 +51,15 @@ _LEAST_DAMPING = 1e-6  # of a root locus: half the width of the plot over its he
 
 
 def render_modes(
-    body: FlexBody | str | Path, modes: int | Sequence[int] | None = None, *, held: Sequence[str] =
-    (), exaggeration: float | str = "auto", direction: tuple[float, float, float] | None = None,
-    size: tuple[int, int] | None = None, output: str | Path = "modes.png",
-) -> Path:  # fmt: skip
+    body: FlexBody | str | Path,
+    modes: int | Sequence[int] | None = None,
+    *,
+    held: Sequence[str] = (),
+    exaggeration: float | str = "auto",
+    direction: tuple[float, float, float] | None = None,
+    size: tuple[int, int] | None = None,
+    output: str | Path = "modes.png",
+) -> Path:
     """Draw mode shapes of a flexible body.
 
     Parameters
@@ -97,11 +102,19 @@ def render_modes(
 
 
 def film_modes(
-    body: FlexBody | str | Path, modes: int | Sequence[int] | None = None, *, held: Sequence[str] =
-    (), exaggeration: float | str = "auto", direction: tuple[float, float, float] | None = None,
-    size: tuple[int, int] | None = None, fps: float = RATE, output: str | Path | None = None,
-    processes: int | None = None, force: bool = False, progress: Progress = silent,
-) -> Path:  # fmt: skip
+    body: FlexBody | str | Path,
+    modes: int | Sequence[int] | None = None,
+    *,
+    held: Sequence[str] = (),
+    exaggeration: float | str = "auto",
+    direction: tuple[float, float, float] | None = None,
+    size: tuple[int, int] | None = None,
+    fps: float = RATE,
+    output: str | Path | None = None,
+    processes: int | None = None,
+    force: bool = False,
+    progress: Progress = silent,
+) -> Path:
     """Make a film of mode shapes: one period of each, all of the same duration, to be repeated.
 
     Parameters and errors are those of `render_modes` and of `film`; the output is by default
@@ -152,10 +165,14 @@ class ModeShot:
 
 
 def _shot(
-    body: FlexBody | str | Path, modes: int | Sequence[int] | None, supports: Sequence[str],
-    exaggeration: float | str, direction: tuple[float, float, float] | None, size: tuple[int, int]
-    | None, count: int,
-) -> ModeShot:  # fmt: skip
+    body: FlexBody | str | Path,
+    modes: int | Sequence[int] | None,
+    supports: Sequence[str],
+    exaggeration: float | str,
+    direction: tuple[float, float, float] | None,
+    size: tuple[int, int] | None,
+    count: int,
+) -> ModeShot:
     where = f"the body {body.name}" if isinstance(body, FlexBody) else str(body)
     body = body if isinstance(body, FlexBody) else load(body)
     surface = body.surface

@@ -48,9 +48,14 @@ _MISTAKES = (MeshError, MaterialError, ReductionError, BodyFileError)
 
 
 def flexible_bodies(
-    model: Model, folder: Path, *, fresh: bool = False, only: Collection[str] | None = None,
-    inspect: Callable[..., None] | None = None, progress: Progress = silent,
-) -> tuple[dict[str, FlexBody], dict[str, Path], list[str]]:  # fmt: skip
+    model: Model,
+    folder: Path,
+    *,
+    fresh: bool = False,
+    only: Collection[str] | None = None,
+    inspect: Callable[..., None] | None = None,
+    progress: Progress = silent,
+) -> tuple[dict[str, FlexBody], dict[str, Path], list[str]]:
     """The reduced bodies of a model by name, their files in `folder`, and notes for the user.
 
     Parameters

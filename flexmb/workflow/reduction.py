@@ -43,10 +43,17 @@ class ReducedScene:
 
 
 def reduce_mesh(
-    mesh: str | Path, *, material: Any, interfaces: Mapping[str, Any] | None = None, sections:
-    Mapping[str, Any] | None = None, output: str | Path | None = None, report: bool = False, up_to:
-    float | None = None, progress: Progress = silent, **options: Any,
-) -> ReducedBody:  # fmt: skip
+    mesh: str | Path,
+    *,
+    material: Any,
+    interfaces: Mapping[str, Any] | None = None,
+    sections: Mapping[str, Any] | None = None,
+    output: str | Path | None = None,
+    report: bool = False,
+    up_to: float | None = None,
+    progress: Progress = silent,
+    **options: Any,
+) -> ReducedBody:
     """Reduce a mesh to a flexible body and save it (`<mesh>.flexbody.h5` by default).
 
     Parameters
@@ -88,10 +95,16 @@ def reduce_mesh(
 
 
 def reduce_scene(
-    path: str | Path, *, body: str | None = None, output: str | Path | None = None, overrides:
-    Mapping[str, str] | None = None, fresh: bool = False, report: bool = False, up_to: float | None
-    = None, progress: Progress = silent,
-) -> ReducedScene:  # fmt: skip
+    path: str | Path,
+    *,
+    body: str | None = None,
+    output: str | Path | None = None,
+    overrides: Mapping[str, str] | None = None,
+    fresh: bool = False,
+    report: bool = False,
+    up_to: float | None = None,
+    progress: Progress = silent,
+) -> ReducedScene:
     """Reduce the flexible bodies of a scene into its output folder, as a run would.
 
     Parameters

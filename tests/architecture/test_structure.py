@@ -13,8 +13,8 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "files": 396,
-    "lines": 106_230,
+    "files": 397,
+    "lines": 106_460,
     "participles": 30,
     "base names of three and more files": 0,
     _ALL: 0,

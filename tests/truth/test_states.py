@@ -26,7 +26,7 @@ def test_states_end_where_the_test_set_says(name, ends):
     }
     found = judged(model, lambda t: ways, duration=scene.duration, outputs=1, accuracy=1e-8)
     assert not found.message and not found.notes
-    assert found.achieved < 2e-7  # over the change of each state
+    assert found.is_reached(1e-8)  # over the change of each state
 
 
 def test_auto_leaves_an_explicit_method_that_stability_limits():

@@ -25,7 +25,7 @@ from flexmb.analysis.effects.independent_coordinates import IndependentMotions
 from flexmb.analysis.effects.smooth_pieces import SmoothPieces
 from flexmb.analysis.effects.stored_motion import blocks
 from flexmb.analysis.effects.variational_equations import times
-from flexmb.engine.algebra.vector import put_exponential
+from flexmb.engine.algebra.exponential import put_exponential
 from flexmb.engine.compiled_units import bind, interpreted
 from flexmb.flexbody.arrays import Array
 

@@ -253,9 +253,14 @@ class MembraneForcesMonitor:
                 yield Indicator(self._plates[k].columns.name, _QUANTITY, 1.0, t, 0.0, text)
 
     def _sentence(
-        self, one: _Plate, verb: str, shares: tuple[float, float | None], t: float, deflections:
-        tuple[float, float], cured: bool,
-    ) -> str:  # fmt: skip
+        self,
+        one: _Plate,
+        verb: str,
+        shares: tuple[float, float | None],
+        t: float,
+        deflections: tuple[float, float],
+        cured: bool,
+    ) -> str:
         length, (deflection, small) = body_length(one.body), deflections
         sensors, cure = "", 'reduce it with geometric_stiffening = "full"'
         if shares[1]:

@@ -83,9 +83,13 @@ class OmittedStiffeningMonitor:
     """
 
     def __init__(
-        self, compiled: Compiled, model: Model, q: Array, load_factor: LoadFactorMonitor,
+        self,
+        compiled: Compiled,
+        model: Model,
+        q: Array,
+        load_factor: LoadFactorMonitor,
         is_motion: bool,
-    ) -> None:  # fmt: skip
+    ) -> None:
         self._units, self._loads, self._is_motion = model.units, load_factor.loads, is_motion
         self._gravity = np.array(model.gravity or (0.0, 0.0, 0.0))
         self._bars = (
@@ -222,9 +226,14 @@ class OmittedStiffeningMonitor:
         return largest_sensor_change(one.body, one.sensors, ranges, change)
 
     def _sentence(
-        self, one: SlenderBar, share: float, seen: float | None, t: float, force: float, tension:
-        float,
-    ) -> str:  # fmt: skip
+        self,
+        one: SlenderBar,
+        share: float,
+        seen: float | None,
+        t: float,
+        force: float,
+        tension: float,
+    ) -> str:
         at, say = self._units.say(t, "s", 4), partial(self._units.say, unit="N", digits=2)
         cause = f"it is {'pulled' if force > 0 else 'compressed'} with {say(abs(force))}"
         if tension > abs(force):
@@ -282,12 +291,12 @@ class OmittedBendMonitor:
             least = max(_LEAST_RANGE * ranges[own].max(), np.finfo(float).tiny)
             axes = {k: "xyz".find(self._channels[k][-1]) for k in own if ranges[k] > least}
             share = max((float(change[axis] / ranges[k]) for k, axis in axes.items()), default=0.0)
-            option = " ".join(f"--load-point {node}" for node in lacking.split(" and "))
+            options = " ".join(f"--load-point {node}" for node in lacking)
             words = (
-                f"sensors.{name}: bodies.{columns.name} does not know how node {lacking} comes "
-                f"nearer as it bends, about {percent(share)} of the range of the sensor (t = "
-                f"{self._units.say(t, 's', 4)}); make it an interface, or reduce the body with it "
-                f"among its load_points (flexmb reduce {option})"
+                f"sensors.{name}: how bodies.{columns.name} comes nearer as it bends is not known "
+                f"at {' and '.join(f'node {node}' for node in lacking)}, about {percent(share)} of "
+                f"the range of the sensor (t = {self._units.say(t, 's', 4)}); make interfaces "
+                f"there, or reduce the body with load_points there (flexmb reduce {options})"
             )
             level = LARGEST_SENSOR_CHANGE
             yield Indicator(columns.name, "bend", share, t, level, partial(str, words))
@@ -295,8 +304,8 @@ class OmittedBendMonitor:
 
 def _sensors_without_bend(
     compiled: Compiled, model: Model
-) -> Iterator[tuple[str, BodyColumns, str, Array, tuple[int, Array]]]:
-    """Sensors at such nodes: name, body, nodes in words, about the bend (3, m, m) of what is
+) -> Iterator[tuple[str, BodyColumns, list[int], Array, tuple[int, Array]]]:
+    """Sensors at such nodes: name, body, nodes, about the bend (3, m, m) of what is
     measured less that of where from; the axes: the first column in q of a body, -1 of the ground,
     and a matrix (3, 3) in its axes."""
     first = {one.name: one.iq for one in compiled.layout.bodies}
@@ -307,14 +316,14 @@ def _sensors_without_bend(
         for name, spec in model.sensors.items():
             if not isinstance(spec, MarkerSensorSpec) or spec.type != "position":
                 continue
-            lacking, bend = list[str](), np.zeros((3, columns.m, columns.m))
+            lacking, bend = list[int](), np.zeros((3, columns.m, columns.m))
             for sign, marker in ((1.0, spec.of), (-1.0, spec.relative_to or spec.seen_from or "")):
                 if marker.partition(".")[0] != columns.name:
                     continue
                 place = place_marker(model, marker, compiled.flexbodies)
                 if place.bend is None and place.Phi_t is not None:
                     away = ((nodes.position - place.rho) ** 2).sum(axis=1)
-                    lacking.append(f"{int(nodes.ids[away.argmin()])}")
+                    lacking.append(int(nodes.ids[away.argmin()]))
                     bend += sign * _bend_beside_interfaces(
                         body.interfaces, nodes, nodes.Phi_r, place.rho
                     )
@@ -324,7 +333,7 @@ def _sensors_without_bend(
             R, owner = np.eye(3), axes.partition(".")[0]
             if axes != "global":
                 R = place_marker(model, axes, compiled.flexbodies).R
-            yield name, columns, " and ".join(lacking), bend, (first.get(owner, -1), R)
+            yield name, columns, lacking, bend, (first.get(owner, -1), R)
 
 
 def _bend_beside_interfaces(

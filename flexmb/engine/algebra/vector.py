@@ -1,4 +1,4 @@
-"""Vectors in flat arrays, vectors of three numbers as tuples, rotations; exp(A) x of vibrations.
+"""Vectors in flat arrays, vectors of three numbers as tuples, and rotations, for all kernels.
 
 Euler parameters p = (e0, e1, e2, e3), scalar first, map body axes to global axes: x = A(p) x'.
 A rotation vector θ in body axes is applied on the right, p ∘ exp(θ). The tangent
@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from flexmb.engine.jit import Integers, Matrices, Matrix, Vector, kernel, unit
+from flexmb.engine.jit import kernel
 
 # Below this angle² the closed forms lose digits by cancellation; the series that replace them have
 # a remainder of x⁴/10⁶, which is below round-off there.
@@ -371,78 +371,3 @@ def add_skew(B, i, j, f, a):
     add_column(B, i, j, f, (0.0, a[2], -a[1]))
     add_column(B, i, j + 1, f, (-a[2], 0.0, a[0]))
     add_column(B, i, j + 2, f, (a[1], -a[0], 0.0))
-
-
-@unit
-def put_exponential(
-    A: Matrices, load: Matrices, rates: Vector, is_plain: Integers, weights: Vector,
-    coefficients: Matrix, x: Vector, work: Matrix, largest: float, row: int, series: int,
-    terms: int, h: float, radius: float,
-) -> float:  # fmt: skip
-    """x = exp(h A) x in place for ẋ = A[row] x + (0, f), x = (η, η̇/ω, 1, 0); returns the growth.
-
-    f goes from load[row, 0] by load[row, 1] in a step h; the last two of x belong to it. `is_plain`
-    tells the η whose rate is `rates` times their η̇/ω. The coefficients are those of a `radius` that
-    holds all frequencies times h. Growth is that of the largest term, by weights, over x; where it
-    is above `largest`, x is not changed.
-    """
-    n = x.shape[0]
-    before, now, total = work[0], work[1], work[2]
-    size = _weighted_size(x, weights)
-    if size == 0.0:
-        return 0.0
-    _vibration_product(A, load, rates, is_plain, row, h, radius, x, now)
-    c0, c1 = coefficients[series, 0], coefficients[series, 1]
-    for i in range(n):
-        before[i] = x[i]
-        total[i] = c0 * x[i] + c1 * now[i]
-    growth = 1.0
-    after = work[3]
-    for j in range(2, terms):
-        _vibration_product(A, load, rates, is_plain, row, h, radius, now, after)
-        c = coefficients[series, j]
-        for i in range(n):
-            term = 2.0 * after[i] + before[i]
-            before[i] = now[i]
-            now[i] = term
-            total[i] += c * term
-        growth = max(growth, _weighted_size(now, weights) / size)
-        if not growth < largest:
-            return growth
-    for i in range(n):
-        x[i] = total[i]
-    return growth
-
-
-@kernel
-def _vibration_product(A, load, rates, is_plain, row, h, radius, x, out):
-    """out = h A x / radius, with the loads."""
-    n = x.shape[0] - 2
-    u = n // 2
-    f = h / radius
-    for i in range(u):
-        if is_plain[i]:
-            out[i] = f * rates[i] * x[u + i]
-        else:
-            total = 0.0
-            for j in range(n):
-                total += A[row, i, j] * x[j]
-            out[i] = f * total
-    for i in range(u):
-        total = load[row, 0, i] * x[n] + load[row, 1, i] * x[n + 1]
-        for j in range(n):
-            total += A[row, u + i, j] * x[j]
-        out[u + i] = f * total
-    out[n] = 0.0
-    out[n + 1] = x[n] / radius
-
-
-@kernel
-def _weighted_size(x, weights):
-    """Largest component of x times its weight; NaN counts as infinite."""
-    most = 0.0
-    for i in range(x.shape[0]):
-        size = abs(x[i]) * weights[i]
-        if not size <= most:
-            most = size
-    return most

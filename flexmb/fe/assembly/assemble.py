@@ -180,11 +180,16 @@ class FEMatrices:
 
 
 def assemble(
-    mesh: Mesh, material: AnyMaterial, sections: Mapping[str, Any] | None = None, progress:
-    Progress = silent, *, ties: Mapping[str, Mapping[str, Any]] | None = None, masses: Mapping[str,
-    Mapping[str, Any]] | None = None, springs: Mapping[str, Mapping[str, Any]] | None = None,
+    mesh: Mesh,
+    material: AnyMaterial,
+    sections: Mapping[str, Any] | None = None,
+    progress: Progress = silent,
+    *,
+    ties: Mapping[str, Mapping[str, Any]] | None = None,
+    masses: Mapping[str, Mapping[str, Any]] | None = None,
+    springs: Mapping[str, Mapping[str, Any]] | None = None,
     mass_matrix: str = "consistent",
-) -> FEMatrices:  # fmt: skip
+) -> FEMatrices:
     """Build stiffness, mass and inertia.
 
     Parameters
@@ -227,10 +232,15 @@ def assemble(
 
 
 def make_model(
-    mesh: Mesh, material: AnyMaterial | None, sections: Mapping[str, Any] | None, collector:
-    ProblemCollector, *, ties: Mapping[str, Mapping[str, Any]] | None = None, masses: Mapping[str,
-    Mapping[str, Any]] | None = None, springs: Mapping[str, Mapping[str, Any]] | None = None,
-) -> MeshModel | None:  # fmt: skip
+    mesh: Mesh,
+    material: AnyMaterial | None,
+    sections: Mapping[str, Any] | None,
+    collector: ProblemCollector,
+    *,
+    ties: Mapping[str, Mapping[str, Any]] | None = None,
+    masses: Mapping[str, Mapping[str, Any]] | None = None,
+    springs: Mapping[str, Mapping[str, Any]] | None = None,
+) -> MeshModel | None:
     """The elements, degrees of freedom, point masses, springs and ties of a model.
 
     ``collector`` collects the problems; the other parameters are those of :func:`assemble`. None is

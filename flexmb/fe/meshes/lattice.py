@@ -274,9 +274,13 @@ def few_around(divisions: Any, words: Sequence[str]) -> list[Problem]:
 
 
 def from_lattice(
-    source: str, kind: str, points: FloatArray, cells: IntArray, groups: Mapping[str,
-    Sequence[Facets]], surface: bool = False,
-) -> Mesh:  # fmt: skip
+    source: str,
+    kind: str,
+    points: FloatArray,
+    cells: IntArray,
+    groups: Mapping[str, Sequence[Facets]],
+    surface: bool = False,
+) -> Mesh:
     """The mesh of elements on a lattice, without the points that none of them uses.
 
     Parameters

@@ -191,9 +191,13 @@ def box(size: Sequence[float], divisions: Divisions = None, elements: str | None
 
 
 def tube(
-    length: float, radius: float, inner: float | None = None, divisions: Divisions = None,
-    elements: str | None = None, refine: int = 0,
-) -> Mesh:  # fmt: skip
+    length: float,
+    radius: float,
+    inner: float | None = None,
+    divisions: Divisions = None,
+    elements: str | None = None,
+    refine: int = 0,
+) -> Mesh:
     """A hollow cylinder along x, of solid elements, or of surface elements with normals outwards.
 
     Groups ``start`` and ``end`` (at x = 0 and the other end), of solids also ``inner`` and
@@ -251,9 +255,13 @@ _CORE_ROUNDNESS = 0.5  # 0: the core is a square, 1: a circle
 
 
 def disk(
-    radius: float, inner: float = 0.0, thickness: float | None = None, divisions: Divisions = None,
-    elements: str | None = None, refine: int = 0,
-) -> Mesh:  # fmt: skip
+    radius: float,
+    inner: float = 0.0,
+    thickness: float | None = None,
+    divisions: Divisions = None,
+    elements: str | None = None,
+    refine: int = 0,
+) -> Mesh:
     """A disk in the xy plane around the origin, full or with a hole.
 
     Groups ``outer`` and ``inner`` (the hole), of solids also ``bottom`` and ``top`` (at

@@ -76,10 +76,14 @@ _MAX_OMITTED = 4
 
 
 def craig_bampton(
-    fe: FEMatrices, interfaces: tuple[ModelInterface, ...], modes: ModesLike | ModesOptions = 20,
-    progress: Progress = silent, mirror: SymmetryPlane | None = None, loads: tuple[LoadPattern,
-    ...] = (), residual: str = "none",
-) -> ReducedBasis:  # fmt: skip
+    fe: FEMatrices,
+    interfaces: tuple[ModelInterface, ...],
+    modes: ModesLike | ModesOptions = 20,
+    progress: Progress = silent,
+    mirror: SymmetryPlane | None = None,
+    loads: tuple[LoadPattern, ...] = (),
+    residual: str = "none",
+) -> ReducedBasis:
     """Reduce a model with at least one interface.
 
     Parameters
@@ -168,10 +172,14 @@ def craig_bampton(
 
 
 def guyan(
-    fe: FEMatrices, interfaces: tuple[ModelInterface, ...], modes: ModesLike | ModesOptions = 0,
-    progress: Progress = silent, mirror: SymmetryPlane | None = None, loads: tuple[LoadPattern,
-    ...] = (), residual: str = "none",
-) -> ReducedBasis:  # fmt: skip
+    fe: FEMatrices,
+    interfaces: tuple[ModelInterface, ...],
+    modes: ModesLike | ModesOptions = 0,
+    progress: Progress = silent,
+    mirror: SymmetryPlane | None = None,
+    loads: tuple[LoadPattern, ...] = (),
+    residual: str = "none",
+) -> ReducedBasis:
     """Static reduction: the constraint modes alone; arguments as for :func:`craig_bampton`.
 
     Raises
@@ -185,9 +193,14 @@ def guyan(
 
 
 def distinct_modes(
-    fe: FEMatrices, M: csr_array, lowest: Callable[[int], Modes], count: int, limit: int, mirror:
-    SymmetryPlane | None, dofs: IntArray | None = None,
-) -> Modes:  # fmt: skip
+    fe: FEMatrices,
+    M: csr_array,
+    lowest: Callable[[int], Modes],
+    count: int,
+    limit: int,
+    mirror: SymmetryPlane | None,
+    dofs: IntArray | None = None,
+) -> Modes:
     """At least ``count`` modes, or all, unique in sign and direction; symmetric ones for a mirror.
 
     M is the mass matrix over ``dofs``, by default over all. ``lowest`` computes a number of modes,
@@ -209,10 +222,14 @@ DENSE = 300  # number of degrees of freedom up to which full matrices are faster
 
 
 def free_interface(
-    fe: FEMatrices, interfaces: tuple[ModelInterface, ...], modes: ModesLike | ModesOptions = 20,
-    progress: Progress = silent, mirror: SymmetryPlane | None = None, loads: tuple[LoadPattern,
-    ...] = (), residual: str = "none",
-) -> ReducedBasis:  # fmt: skip
+    fe: FEMatrices,
+    interfaces: tuple[ModelInterface, ...],
+    modes: ModesLike | ModesOptions = 20,
+    progress: Progress = silent,
+    mirror: SymmetryPlane | None = None,
+    loads: tuple[LoadPattern, ...] = (),
+    residual: str = "none",
+) -> ReducedBasis:
     """Reduce a model with at least one interface; the body has modes + residual coordinates.
 
     Parameters
@@ -258,10 +275,15 @@ def free_interface(
 
 
 def free_basis(
-    fe: FEMatrices, interfaces: tuple[ModelInterface, ...], directions: tuple[int, ...], modes:
-    Modes, residual: Modes, loads: tuple[LoadPattern, ...], answers: tuple[FloatArray, Modes |
-    None, FloatArray, FixedResponse | None], kind: str,
-) -> ReducedBasis:  # fmt: skip
+    fe: FEMatrices,
+    interfaces: tuple[ModelInterface, ...],
+    directions: tuple[int, ...],
+    modes: Modes,
+    residual: Modes,
+    loads: tuple[LoadPattern, ...],
+    answers: tuple[FloatArray, Modes | None, FloatArray, FixedResponse | None],
+    kind: str,
+) -> ReducedBasis:
     """The basis of the rigid motions, free modes and residual vectors of a given kind.
 
     `answers` are the static responses to inertia loads, the modes as they are without residual

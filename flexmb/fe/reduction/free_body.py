@@ -52,10 +52,14 @@ from flexmb.progress import Progress, silent
 
 
 def free_modes(
-    fe: FEMatrices, interfaces: tuple[ModelInterface, ...] = (), modes: ModesLike | ModesOptions =
-    20, progress: Progress = silent, mirror: SymmetryPlane | None = None, loads: tuple[LoadPattern,
-    ...] = (), residual: str = "none",
-) -> ReducedBasis:  # fmt: skip
+    fe: FEMatrices,
+    interfaces: tuple[ModelInterface, ...] = (),
+    modes: ModesLike | ModesOptions = 20,
+    progress: Progress = silent,
+    mirror: SymmetryPlane | None = None,
+    loads: tuple[LoadPattern, ...] = (),
+    residual: str = "none",
+) -> ReducedBasis:
     """Six rigid motions and the lowest elastic modes of the free body.
 
     Parameters

@@ -37,9 +37,14 @@ _ALL = tuple(range(6))  # all six motions of a body, and of an interface
 
 
 def with_geometric_stiffening(
-    body: FlexBody, fe: FEMatrices, Phi: FloatArray, interfaces: tuple[ModelInterface, ...],
-    patterns: tuple[LoadPattern, ...] = (), nodes: Sequence[int] = (), progress: Progress = silent,
-) -> FlexBody:  # fmt: skip
+    body: FlexBody,
+    fe: FEMatrices,
+    Phi: FloatArray,
+    interfaces: tuple[ModelInterface, ...],
+    patterns: tuple[LoadPattern, ...] = (),
+    nodes: Sequence[int] = (),
+    progress: Progress = silent,
+) -> FlexBody:
     """The body with the geometric stiffness of its loads.
 
     Parameters

@@ -87,10 +87,16 @@ def requested_modes(method: str, modes: Any) -> Any:
 
 
 def reduce_model(
-    fe: FEMatrices, interfaces: tuple[ModelInterface, ...], method: str = "craig-bampton", modes:
-    Any = None, *, progress: Progress = silent, mirror: SymmetryPlane | None = None, loads:
-    tuple[LoadPattern, ...] = (), residual: str = "none",
-) -> ReducedBasis:  # fmt: skip
+    fe: FEMatrices,
+    interfaces: tuple[ModelInterface, ...],
+    method: str = "craig-bampton",
+    modes: Any = None,
+    *,
+    progress: Progress = silent,
+    mirror: SymmetryPlane | None = None,
+    loads: tuple[LoadPattern, ...] = (),
+    residual: str = "none",
+) -> ReducedBasis:
     """Reduce a model by a method.
 
     Parameters
@@ -124,9 +130,13 @@ def reduce_model(
 
 
 def coordinates_text(
-    freedoms: int, interfaces: int, modes: Any, reduction: str, loads: Mapping[str, Any], residual:
-    str = "none",
-) -> str:  # fmt: skip
+    freedoms: int,
+    interfaces: int,
+    modes: Any,
+    reduction: str,
+    loads: Mapping[str, Any],
+    residual: str = "none",
+) -> str:
     """The count of modal coordinates, in words; loads and inertia add at most that many vectors."""
     if reduction == "user":
         return "those of the given modes"
@@ -192,10 +202,17 @@ _NO_VALUES = ("name", "source")  # keys of a material that are no values
 
 
 def reduction_key(
-    mesh: str | os.PathLike[str] | Mapping[str, Any], *, units: str = "SI", material: MaterialLike,
-    interfaces: Mapping[str, Any] | None = None, modes: Any = None, damping: Any = None, name: str
-    | None = None, sections: Mapping[str, Any] | None = None, **options: Any,
-) -> str:  # fmt: skip
+    mesh: str | os.PathLike[str] | Mapping[str, Any],
+    *,
+    units: str = "SI",
+    material: MaterialLike,
+    interfaces: Mapping[str, Any] | None = None,
+    modes: Any = None,
+    damping: Any = None,
+    name: str | None = None,
+    sections: Mapping[str, Any] | None = None,
+    **options: Any,
+) -> str:
     """Hexadecimal fingerprint of a reduction; the parameters are those of ``reduce``.
 
     Raises

@@ -85,10 +85,14 @@ def _missing_part(fe: FEMatrices, X: FloatArray, modes: Modes) -> FloatArray:
 
 
 def with_load_responses(
-    body: FlexBody, fe: FEMatrices, basis: ReducedBasis, elastic: ReducedModes, points:
-    Sequence[int | Sequence[float]], mirror: SymmetryPlane | None = None, progress: Progress =
-    silent,
-) -> FlexBody:  # fmt: skip
+    body: FlexBody,
+    fe: FEMatrices,
+    basis: ReducedBasis,
+    elastic: ReducedModes,
+    points: Sequence[int | Sequence[float]],
+    mirror: SymmetryPlane | None = None,
+    progress: Progress = silent,
+) -> FlexBody:
     """The body with its responses to loads at nodes, and with the modes that it omits.
 
     Parameters

@@ -93,10 +93,17 @@ class QualityReport:
 
 
 def quality_report(
-    fe: FEMatrices, basis: ReducedBasis, elastic: ReducedModes, body: FlexBody | None = None,
-    up_to: float | None = None, *, nodes: Sequence[int] = (), mirror: SymmetryPlane | None = None,
-    phases: Sequence[Phase] = (), progress: Progress = silent,
-) -> QualityReport:  # fmt: skip
+    fe: FEMatrices,
+    basis: ReducedBasis,
+    elastic: ReducedModes,
+    body: FlexBody | None = None,
+    up_to: float | None = None,
+    *,
+    nodes: Sequence[int] = (),
+    mirror: SymmetryPlane | None = None,
+    phases: Sequence[Phase] = (),
+    progress: Progress = silent,
+) -> QualityReport:
     """Assess a reduced body by the model it was made of.
 
     Parameters

@@ -68,10 +68,14 @@ def read_user_modes(source: UserModesLike, length: float = 1.0) -> FloatArray:
 
 
 def user_modes(
-    fe: FEMatrices, interfaces: tuple[ModelInterface, ...], modes: UserModesLike, progress:
-    Progress = silent, mirror: SymmetryPlane | None = None, loads: tuple[LoadPattern, ...] = (),
+    fe: FEMatrices,
+    interfaces: tuple[ModelInterface, ...],
+    modes: UserModesLike,
+    progress: Progress = silent,
+    mirror: SymmetryPlane | None = None,
+    loads: tuple[LoadPattern, ...] = (),
     residual: str = "none",
-) -> ReducedBasis:  # fmt: skip
+) -> ReducedBasis:
     """A basis of the rigid motions and the user's modes.
 
     Parameters

@@ -299,9 +299,13 @@ class TaperedSection:
 
 
 def tapered(
-    start: BeamSection, end: BeamSection, *, orientation: Vector | None = None, material:
-    AnyMaterial | None = None, releases: Releases | Mapping[str, Any] | None = None,
-) -> TaperedSection:  # fmt: skip
+    start: BeamSection,
+    end: BeamSection,
+    *,
+    orientation: Vector | None = None,
+    material: AnyMaterial | None = None,
+    releases: Releases | Mapping[str, Any] | None = None,
+) -> TaperedSection:
     """Section from ``start`` to ``end`` along a chain of elements.
 
     Parameters

@@ -220,11 +220,22 @@ class BeamSection:
 
 
 def general(
-    A: float, Iy: float, Iz: float, J: float, *, Iyz: float = 0.0, points: Mapping[str, Place] |
-    None = None, ky: float = math.inf, kz: float = math.inf, shear_center: Place = (0.0, 0.0),
-    orientation: Vector | None = None, material: AnyMaterial | None = None, offset: Place = (0.0,
-    0.0), nonstructural: float = 0.0, releases: Releases | Mapping[str, object] | None = None,
-) -> BeamSection:  # fmt: skip
+    A: float,
+    Iy: float,
+    Iz: float,
+    J: float,
+    *,
+    Iyz: float = 0.0,
+    points: Mapping[str, Place] | None = None,
+    ky: float = math.inf,
+    kz: float = math.inf,
+    shear_center: Place = (0.0, 0.0),
+    orientation: Vector | None = None,
+    material: AnyMaterial | None = None,
+    offset: Place = (0.0, 0.0),
+    nonstructural: float = 0.0,
+    releases: Releases | Mapping[str, object] | None = None,
+) -> BeamSection:
     """Section by its values about the centroid.
 
     Parameters
@@ -323,10 +334,17 @@ class Shape(Protocol):
 
 
 def section_of(
-    shape: Shape, *, shear: bool = True, ky: float | None = None, kz: float | None = None,
-    orientation: Vector | None = None, material: AnyMaterial | None = None, offset: Place = (0.0,
-    0.0), nonstructural: float = 0.0, releases: Releases | Mapping[str, Any] | None = None,
-) -> BeamSection:  # fmt: skip
+    shape: Shape,
+    *,
+    shear: bool = True,
+    ky: float | None = None,
+    kz: float | None = None,
+    orientation: Vector | None = None,
+    material: AnyMaterial | None = None,
+    offset: Place = (0.0, 0.0),
+    nonstructural: float = 0.0,
+    releases: Releases | Mapping[str, Any] | None = None,
+) -> BeamSection:
     """The section of a shape.
 
     Its shear coefficients are those at Poisson's ratio 0 until its material is known.

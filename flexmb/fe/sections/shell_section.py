@@ -245,17 +245,25 @@ class ShellSection:
 
 
 def shell(
-    thickness: float, offset: float = 0.0, orientation: Vector | None = None, nonstructural: float
-    = 0.0, material: AnyMaterial | None = None, shear: bool = True,
-) -> ShellSection:  # fmt: skip
+    thickness: float,
+    offset: float = 0.0,
+    orientation: Vector | None = None,
+    nonstructural: float = 0.0,
+    material: AnyMaterial | None = None,
+    shear: bool = True,
+) -> ShellSection:
     """A shell of one layer of that thickness [m]; the other words are those of ShellSection."""
     return layered([Layer(thickness)], offset, orientation, nonstructural, material, shear)
 
 
 def layered(
-    layers: Sequence[Layer], offset: float = 0.0, orientation: Vector | None = None, nonstructural:
-    float = 0.0, material: AnyMaterial | None = None, shear: bool = True,
-) -> ShellSection:  # fmt: skip
+    layers: Sequence[Layer],
+    offset: float = 0.0,
+    orientation: Vector | None = None,
+    nonstructural: float = 0.0,
+    material: AnyMaterial | None = None,
+    shear: bool = True,
+) -> ShellSection:
     """A shell of layers from the bottom to the top; the other words are those of ShellSection."""
     return ShellSection(tuple(layers), offset, orientation, nonstructural, material, shear)
 

@@ -245,9 +245,14 @@ def _cowper(nu: float, m: float, wide: float) -> float:
 
 
 def i_section(
-    height: float, width: float, web: float, flange: float, bottom_width: float | None = None,
-    bottom_flange: float | None = None, **common: Any,
-) -> BeamSection:  # fmt: skip
+    height: float,
+    width: float,
+    web: float,
+    flange: float,
+    bottom_width: float | None = None,
+    bottom_flange: float | None = None,
+    **common: Any,
+) -> BeamSection:
     """I-section ``height`` along z, flanges ``width`` along y; thicknesses ``web``, ``flange`` [m].
 
     The flange at the bottom (-z) is as the one on top unless given. ``common`` words as in
