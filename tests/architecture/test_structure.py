@@ -13,8 +13,8 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "files": 397,
-    "lines": 106_460,
+    "files": 399,
+    "lines": 106_770,
     "participles": 30,
     "base names of three and more files": 0,
     _ALL: 0,
@@ -30,7 +30,7 @@ FIGURES = {
 }
 # The aims are 50 000 lines and 120 files; these are held on the way. 168 run with compiled units
 # at hand: a module holds one concept, under its name.
-FILES_OF_MAIN_JOB = 169
+FILES_OF_MAIN_JOB = 171
 
 
 def files_with_all() -> list[str]:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 
-from flexmb.analysis.validity.modal_basis import ModalBasisMonitor, _accelerations, _Oscillators
+from flexmb.analysis.validity.modal_basis import ModalBasisMonitor, _Oscillators
 from flexmb.engine.compile import compile_system
 from flexmb.errors import SolverError
 from flexmb.fe import assemble, mesh_from, reduce
@@ -261,7 +261,7 @@ def test_what_loads_a_body_is_the_acceleration_of_its_centre_in_its_axes():
     v[0, columns.iv + 5], vd[0, columns.iv + 5] = w, alpha
     vd[0, columns.iv : columns.iv + 3] = acceleration(np.zeros(3))
     rows = SimpleNamespace(q=q, v=v, vd=vd)
-    factors, _ = _accelerations(rows, one, np.array(model.gravity))
+    factors, _ = one.accelerations.of_joints(rows, one.frame)
     wanted = A.T @ (acceleration(body.center) - model.gravity)
     np.testing.assert_allclose(factors[0, :3], wanted, rtol=1e-12, atol=1e-12)
 

@@ -29,6 +29,7 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from flexmb.analysis.monitors import Indicator
+from flexmb.analysis.validity.body_accelerations import BodyAccelerations
 from flexmb.analysis.validity.linear_elasticity import (
     JoinedFrame,
     flexible_columns,
@@ -74,11 +75,11 @@ class _MonitoredBody:
 
     columns: BodyColumns
     body: FlexBody
+    accelerations: BodyAccelerations
     frame: JoinedFrame
     markers: Indices  # markers of the engine at which loads act on nodes
     places: Indices  # first of six columns of each in `load_response`; -1: the node is not in it
     least: float  # mass × square of the least displacement that counts, kg m^2
-    coupling: Array  # (o, m) force on omitted modes per acceleration of eta relative to the frame
 
     @property
     def name(self) -> str:
@@ -107,7 +108,6 @@ class ModalBasisMonitor:
 
     def __init__(self, compiled: Compiled, model: Model, is_motion: bool = True) -> None:
         self._units, self._window = model.units, _ROWS_IN_SUCCESSION if is_motion else 1
-        self._gravity = np.array(model.gravity or (0.0, 0.0, 0.0))
         self._paths: dict[str, str] = {}
         for path, owner, _ in loads_beside_interfaces(model):
             paths = self._paths.get(owner, "").split(", ")
@@ -162,7 +162,7 @@ class ModalBasisMonitor:
             strain = np.einsum("ti,ij,tj->t", eta, one.body.K, eta).max()
             self._strain[k] = max(self._strain[k], strain)
             self._whole[k] = max(self._whole[k], strain)
-            c, omega = _accelerations(rows, one, self._gravity)
+            c, omega = one.accelerations.of_joints(rows, one.frame)
             if one.body.inertia_response is not None:
                 speed = np.linalg.norm(omega, axis=1)
                 self._compare(INERTIA, k, rows.t, one.body.inertia_response, c, speed)
@@ -170,7 +170,8 @@ class ModalBasisMonitor:
                 size = np.abs(loads[k]).max(axis=1, initial=0.0)
                 self._compare(LOADS, k, rows.t, one.body.load_response, loads[k], size)
             if one.body.omitted_modes is not None:
-                self._integrate_omitted_modes(k, rows, c, loads[k])
+                x = one.accelerations.of_material(rows)
+                self._integrate_omitted_modes(k, rows.t, x, loads[k])
 
     def _compare(
         self, what: int, k: int, t: Array, response: InertiaResponse | LoadResponse, c: Array,
@@ -192,24 +193,22 @@ class ModalBasisMonitor:
         if missing[row] > self._largest[what, 0, k]:
             self._largest[what, :, k] = missing[row], t[row], beside[row]
 
-    def _integrate_omitted_modes(self, k: int, rows: OutputBlock, c: Array, loads: Array) -> None:
+    def _integrate_omitted_modes(self, k: int, t: Array, x: Array, loads: Array) -> None:
         """Integrate the omitted modes of a body, and update their largest energy."""
         one, omitted = self._bodies[k], self._bodies[k].body.omitted_modes
         assert omitted is not None
-        first = one.columns.iv + 6
-        further = rows.vd[:, first : first + one.columns.m]
-        force = c @ omitted.inertia.T + further @ one.coupling.T
+        force = x @ np.hstack([omitted.inertia, omitted.modes]).T
         if loads.shape[1] == omitted.loads.shape[1]:
             force = force + loads @ omitted.loads.T
         oscillators = self._oscillators[k]
-        beyond = oscillators.integrate(rows.t, force, self._vibration[k, : len(oscillators.omega)])
+        beyond = oscillators.integrate(t, force, self._vibration[k, : len(oscillators.omega)])
         energy = (oscillators.omega * beyond) ** 2
         row, mode = np.unravel_index(int(energy.argmax()), energy.shape)
         if energy[row, mode] > self._largest[TRUNCATION, 0, k] and (
             beyond[row, mode] ** 2 > one.least
         ):
             frequency = omitted.frequency[mode]
-            self._largest[TRUNCATION, :, k] = energy[row, mode], rows.t[row], frequency
+            self._largest[TRUNCATION, :, k] = energy[row, mode], t[row], frequency
 
     def _node_loads(self, rows: OutputBlock) -> list[Array]:
         """For each body the forces and moments (t, 6 r) at its nodes, in body axes."""
@@ -324,7 +323,7 @@ def _monitored_body(
     compiled: Compiled, columns: BodyColumns, body: FlexBody, model: Model, loaded: bool
 ) -> _MonitoredBody:
     frame = joined_frame(body, columns.name, model)
-    response, omitted, m = body.load_response, body.omitted_modes, columns.m
+    response, m = body.load_response, columns.m
     markers, places = [], []
     parts = compiled.system.parts
     number = int(np.flatnonzero(parts.bodies["iv"] == columns.iv)[0])
@@ -336,15 +335,13 @@ def _monitored_body(
         if node in nodes or node >= 0:
             markers.append(int(k))
             places.append(6 * nodes.index(node) if node in nodes else -1)
-    coupling = np.zeros((0, m))
-    if omitted is not None:
-        rigid = np.vstack([frame.at(body.center[None])[0], frame.turn])
-        coupling = omitted.modes - omitted.inertia[:, :6] @ rigid
+    accelerations = BodyAccelerations(columns, body, np.array(model.gravity or (0.0, 0.0, 0.0)))
     away = float(np.abs(compiled.initial_q[columns.iq : columns.iq + 3]).max())
     least = max(LEAST_MOTION * body.characteristic_length, _ROUND_OFF * away)
     return _MonitoredBody(
-        columns, body, frame, np.array(markers, np.int64), np.array(places, np.int64),
-        least**2 * body.mass, coupling,
+        columns, body, accelerations, frame, np.array(markers, np.int64),
+        np.array(places, np.int64),
+        least**2 * body.mass,
     )  # fmt: skip
 
 
@@ -377,20 +374,6 @@ def _carrier(body: FlexBody, rho: Array, Phi_t: Array) -> int:
             return -1 - i
     assert body.nodes is not None
     return int(body.nodes.ids[((body.nodes.position - rho) ** 2).sum(axis=1).argmin()])
-
-
-def _accelerations(rows: OutputBlock, one: _MonitoredBody, gravity: Array) -> tuple[Array, Array]:
-    """Inertia load factors (t, 12) of the frame of a body's joints; its angular velocity (t, 3)."""
-    iq, iv, m, frame = one.columns.iq, one.columns.iv, one.columns.m, one.frame
-    center = one.body.center
-    rate, further = rows.v[:, iv + 6 : iv + 6 + m], rows.vd[:, iv + 6 : iv + 6 + m]
-    alpha = rows.vd[:, iv + 3 : iv + 6] + further @ frame.turn.T
-    omega = rows.v[:, iv + 3 : iv + 6] + rate @ frame.turn.T
-    a = in_body_axes(rows.q[:, iq + 3 : iq + 7], rows.vd[:, iv : iv + 3] - gravity)
-    a = a + np.cross(rows.vd[:, iv + 3 : iv + 6], center)
-    a = a + np.cross(omega, np.cross(omega, center))
-    a = a + further @ frame.at(center[None])[0].T
-    return InertiaResponse.factors(a, alpha, omega), omega
 
 
 class _Oscillators:

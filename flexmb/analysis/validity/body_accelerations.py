@@ -1,0 +1,174 @@
+"""Accelerations of a flexible body, which load it by its inertia.
+
+A point s of a body is at r + A (s + Φ η). In body axes its acceleration is
+
+    a + α × s + ω × (ω × s) + Φ η̈ + 2 ω × Φ η̇ + α × Φ η + ω × (ω × Φ η)
+
+(Shabana, Dynamics of Multibody Systems, ch. 5). The last three terms are as large as the others
+where a body turns as fast as it vibrates: those of a shaft that whirls slowly, seen in its axes,
+nearly cancel. They are counted as the accelerations a, α and η̈ that are nearest in the norm of
+the mass of the body.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flexmb.analysis.validity.linear_elasticity import JoinedFrame, in_body_axes
+from flexmb.engine.tables import BodyColumns
+from flexmb.flexbody import FlexBody, InertiaResponse
+from flexmb.flexbody.arrays import Array
+from flexmb.results.output_block import OutputBlock
+
+Complex = NDArray[np.complex128]
+
+_ARMS = np.cross(np.eye(3)[:, None], np.eye(3))  # [i, c, a]: (e_i × s)_a = Σ_c [i, c, a] s_c
+_LAST_TERM = 1e-12  # of the series of a rotation
+
+
+class BodyAccelerations:
+    """Accelerations of the material of a body and of the frame of its joints, along a run.
+
+    Motions of the body are its n = 6 + m velocity coordinates: translation and rotation of its
+    frame in body axes, and modes.
+
+    Parameters
+    ----------
+    columns : BodyColumns
+        The columns of the body in rows of a run.
+    body : FlexBody
+        The body.
+    gravity : (3,) array
+        Acceleration of gravity, global [m/s²].
+
+    Attributes
+    ----------
+    mass : (n, n) array
+        Mass matrix at rest.
+    """
+
+    def __init__(self, columns: BodyColumns, body: FlexBody, gravity: Array) -> None:
+        self.columns, self.body, self._gravity = columns, body, gravity
+        products = _products_of_motions(body)
+        self.mass = np.einsum("aaij->ij", products)
+        # [a, b]: motions nearest to axis a of what moves along axis b
+        self._nearest = np.linalg.solve(self.mass, products.reshape(9, *self.mass.shape))
+        self._nearest = self._nearest.reshape(products.shape)
+        places = _products_with_places(body).reshape(9, -1)  # motions nearest to axis a by s_b
+        self._places = np.linalg.solve(self.mass, places.T).T.reshape(3, 3, -1)
+        self._turns = np.einsum("cab,abij->cij", _cross_product(np.eye(3)), self._nearest)
+
+    def of_material(self, rows: OutputBlock) -> Array:
+        """(t, 12 + m): the numbers of `InertiaResponse` in body axes, and those of the modes."""
+        eta, rates, further = self._deformation(rows)
+        a, alpha, omega = self._of_frame(rows)
+        center, more = self.body.center, np.zeros((len(eta), len(self.mass)))
+        modes = self._nearest[..., 6:]
+        for W, x in ((_turning(alpha, omega), eta), (2.0 * _cross_product(omega), rates)):
+            more += np.einsum("tab,tabi->ti", W, np.tensordot(x, modes, (1, 3)))
+        a, alpha = a + more[:, :3], alpha + more[:, 3:6]
+        a = a + np.cross(alpha, center) + np.cross(omega, np.cross(omega, center))
+        return np.hstack([InertiaResponse.factors(a, alpha, omega), further + more[:, 6:]])
+
+    def of_joints(self, rows: OutputBlock, frame: JoinedFrame) -> tuple[Array, Array]:
+        """(t, 12) numbers of `InertiaResponse` in the axes of a frame, and its ω (t, 3) there."""
+        eta, rates, further = self._deformation(rows)
+        a, alpha, omega = self._of_frame(rows)
+        at, turn = frame.at(self.body.center[None])[0], frame.turn
+        place = self.body.center + eta @ at.T
+        a = a + np.einsum("tab,tb->ta", _turning(alpha, omega), place)
+        a = a + 2.0 * np.cross(omega, rates @ at.T) + further @ at.T
+        alpha = alpha + np.cross(omega, rates @ turn.T) + further @ turn.T
+        omega = omega + rates @ turn.T
+        a, alpha, omega = (x - np.cross(eta @ turn.T, x) for x in (a, alpha, omega))
+        return InertiaResponse.factors(a, alpha, omega), omega
+
+    def omega(self, rows: OutputBlock) -> Array:
+        """(t, 3) angular velocity of the body frame, in body axes."""
+        return self._of_frame(rows)[2]
+
+    def of_motions(self, motions: Complex, rates: Complex, omega: Array) -> tuple[Complex, Complex]:
+        """Velocities and accelerations in space of small motions about a steady rotation.
+
+        Parameters
+        ----------
+        motions, rates : (n, k), (k,) complex arrays
+            Motions x ∝ exp(rate t).
+        omega : (3,) array
+            Angular velocity of the body frame, in body axes.
+
+        Returns
+        -------
+        tuple of (n, k) arrays
+            Changes in body axes, which turn with x: those of the rotation itself turn with them.
+        """
+        W, turn = _cross_product(omega[None])[0], np.tensordot(omega, self._turns, 1)
+        v = motions * rates + turn @ motions
+        a = v * rates + turn @ v
+        of_axes = (
+            np.einsum("cad,db,abi->ic", _cross_product(np.eye(3)), one, self._places)
+            for one in (W, W @ W)
+        )
+        v, a = (x - part @ motions[3:6] for x, part in zip((v, a), of_axes, strict=True))
+        return v, a
+
+    def in_turned_axes(self, forces: Array, angle: Array) -> Array:
+        """Forces (t, n) on the motions of the body, in axes that turn by angle (t, 3) [rad]."""
+        term, whole, k = forces, forces, 0
+        most = float(np.linalg.norm(angle, axis=1).max(initial=0.0))
+        size = 1.0
+        while size > _LAST_TERM and most > 0.0:
+            k, size = k + 1, size * most / (k + 1)
+            term = np.einsum("tc,tci->ti", angle, np.tensordot(term, self._turns, (1, 1))) / k
+            whole = whole + term
+        return whole
+
+    def _deformation(self, rows: OutputBlock) -> tuple[Array, Array, Array]:
+        """(t, m) modal coordinates, their rates and accelerations."""
+        q, m = self.columns.iq + 7, self.columns.m
+        modes = slice(self.columns.iv + 6, self.columns.iv + 6 + m)
+        return rows.q[:, q : q + m], rows.v[:, modes], rows.vd[:, modes]
+
+    def _of_frame(self, rows: OutputBlock) -> tuple[Array, Array, Array]:
+        """(t, 3) acceleration of the origin less gravity, α and ω of the body frame, body axes."""
+        iq, iv = self.columns.iq, self.columns.iv
+        a = in_body_axes(rows.q[:, iq + 3 : iq + 7], rows.vd[:, iv : iv + 3] - self._gravity)
+        return a, rows.vd[:, iv + 3 : iv + 6], rows.v[:, iv + 3 : iv + 6]
+
+
+def _products_of_motions(body: FlexBody) -> Array:
+    """(3, 3, n, n) [a, b, i, j] = ∫ρ χ_ai χ_bj, with χ_i the field of motion i."""
+    m = body.m
+    X = np.zeros((3, 3, 6 + m, 6 + m))
+    X[:, :, :3, :3] = body.mass * np.einsum("ai,bj->abij", np.eye(3), np.eye(3))
+    X[:, :, :3, 3:6] = np.einsum("ai,jcb,c->abij", np.eye(3), _ARMS, body.S1)
+    X[:, :, :3, 6:] = np.einsum("ai,bj->abij", np.eye(3), body.p)
+    X[:, :, 3:6, 3:6] = np.einsum("ica,jdb,cd->abij", _ARMS, _ARMS, body.S0)
+    X[:, :, 3:6, 6:] = np.einsum("ica,cbj->abij", _ARMS, body.P)
+    X[:, :, 6:, 6:] = body.Mab
+    for i, j in (
+        (slice(3), slice(3, 6)),
+        (slice(3), slice(6, None)),
+        (slice(3, 6), slice(6, None)),
+    ):
+        X[:, :, j, i] = X[:, :, i, j].transpose(1, 0, 3, 2)
+    return X
+
+
+def _products_with_places(body: FlexBody) -> Array:
+    """(3, 3, n) [a, b, i] = ∫ρ χ_ai s_b."""
+    rotations = np.einsum("ica,cb->abi", _ARMS, body.S0)
+    translations = np.einsum("ai,b->abi", np.eye(3), body.S1)
+    return np.concatenate([translations, rotations, body.P.swapaxes(0, 1)], axis=2)
+
+
+def _turning(alpha: Array, omega: Array) -> Array:
+    """(t, 3, 3) W with W x = α × x + ω × (ω × x)."""
+    square = _cross_product(omega)
+    return np.asarray(_cross_product(alpha) + square @ square)
+
+
+def _cross_product(vectors: Array) -> Array:
+    """(t, 3, 3) matrices of the cross product with vectors (t, 3)."""
+    return np.asarray(np.cross(vectors[:, None], -np.eye(3)))

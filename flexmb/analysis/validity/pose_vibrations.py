@@ -1,0 +1,222 @@
+"""Vibrations of a machine about one row of a run, with what its flexible bodies lack.
+
+What a body lacks follows its accelerations x: as y = C x/ω², a static response, or as oscillators
+where it is stored as modes (:class:`flexmb.flexbody.OmittedModes`). R = Σ CᵀC/ω² is twice the
+strain energy of this. The frequency ω that the run has is that with K = ω² M; ΔM = K^½ M^-½ R M^-½
+K^½ lowers it to ω/√(1 + ω² φᵀRφ) with φ its shape, which is Rayleigh's quotient of the shape with
+its static response.
+
+In the axes of a body that turns the same vibration has other frequencies. With gyroscopic forces
+D ż and unit mass, z exp(λt) is too fast by aᴴRa/|zᴴ(2λ + D)z|, a its acceleration in space. Where
+they differ from those in space, this replaces ΔM, and modes that are left out follow statically.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg import block_diag
+
+from flexmb.analysis.validity.body_accelerations import BodyAccelerations, Complex
+from flexmb.engine.tables import BodyColumns
+from flexmb.flexbody import FlexBody
+from flexmb.flexbody.arrays import Array, skew
+
+RESOLVED = 2.0  # phase of a vibration between two rows [rad] up to which rows show it
+_LEAST_PHASE = 5e-3  # by which vibrations get out of phase within the run, that counts [rad]
+_LEAST_CYCLES = 0.5  # of a vibration in the run
+_GROWTH = 0.02  # of a motion, over its frequency, from which it is unstable
+# Difference of a frequency in body axes from that in space, and drift over the largest, that count.
+_SAME_FREQUENCY, _SMALL_DRIFT = 0.05, 0.05
+_OMITTED_DAMPING = 0.01  # damping ratio of modes that are left out
+
+
+@dataclass(frozen=True, eq=False)
+class LackingBody:
+    """A flexible body, with what it lacks under its accelerations.
+
+    These are 12 + m numbers: those of `InertiaResponse`, and of the modal coordinates. Those of its
+    velocity coordinates, in body axes, are C (12 + m, 6 + m) times their rates.
+    """
+
+    columns: BodyColumns
+    body: FlexBody
+    accelerations: BodyAccelerations
+    omega: Array  # (o,) of the modes that are left out, rad/s
+    force: Array  # (o, 12 + m) on them
+    rest: Array  # (12 + m, 12 + m) missing energy besides these
+    C: Array
+
+    @classmethod
+    def of(cls, columns: BodyColumns, body: FlexBody, gravity: Array) -> LackingBody | None:
+        """Of a flexible body; None if its file does not tell."""
+        omitted, m = body.omitted_modes, columns.m
+        if omitted is None:
+            return None
+        C = np.zeros((12 + m, 6 + m))
+        C[:3, :3], C[3:6, 3:6], C[12:, 6:] = np.eye(3), np.eye(3), np.eye(m)
+        C[:3, 3:6] = -skew(body.center)
+        rest = np.zeros((12 + m,) * 2) if omitted.rest is None else omitted.rest
+        force = np.hstack([omitted.inertia, omitted.modes])
+        accelerations = BodyAccelerations(columns, body, gravity)
+        return cls(columns, body, accelerations, 2.0 * np.pi * omitted.frequency, force, rest, C)
+
+    @property
+    def part(self) -> slice:
+        """Its velocity coordinates."""
+        return slice(self.columns.iv, self.columns.iv + 6 + self.columns.m)
+
+    @property
+    def missing(self) -> Array:
+        """(6 + m, 6 + m) R: twice the missing energy by accelerations of the coordinates."""
+        scaled = self.force / self.omega[:, None]
+        return np.asarray(self.C.T @ (self.rest + scaled.T @ scaled) @ self.C)
+
+
+@dataclass(frozen=True, eq=False)
+class FrequencyDrift:
+    """The vibrations of the machine about one row, without what its bodies lack.
+
+    Each is a pair z, λ z of amplitudes of the d modes of the run and their rates.
+    """
+
+    values: Complex  # (k,) λ, 1/s
+    shapes: Complex  # (d, k) amplitudes
+    inverse: Complex  # (k, 2 d) their sizes from amplitudes and rates
+    frequency: Array  # (k,) in space, rad/s
+    drift: Array  # (k,) by which it is too large, rad/s
+    shares: Array  # (bodies, k) of each body in that
+
+    @classmethod
+    def of(
+        cls, bodies: Sequence[LackingBody], X: Array, omega: Sequence[Array], D: Array, K: Array,
+        unit: float,
+    ) -> FrequencyDrift:  # fmt: skip
+        """With shapes X (nv, d), D and K (d, d), bodies that turn with omega, in body axes.
+
+        `unit` is a time [s] of their size.
+        """
+        d = len(K)
+        values, vectors, inverse = _vibrations(D, K, unit)
+        z = vectors[:d]
+        speeds, sizes, missing = np.zeros(2 * d), np.zeros(2 * d), []
+        for one, turns in zip(bodies, omega, strict=True):
+            v, a = one.accelerations.of_motions(X[one.part] @ z, values, turns)
+            speeds += _squares(one.accelerations.mass, v)
+            sizes += _squares(one.accelerations.mass, a)
+            missing.append(_squares(one.missing, a))
+        damped = np.einsum("ik,ij,jk->k", z.conj(), D, z)
+        by = np.abs(2.0 * values * _squares(np.eye(d), z) + damped)
+        shares = np.divide(missing, by, out=np.zeros((len(bodies), 2 * d)), where=by > 0.0)
+        squares = np.divide(sizes, speeds, out=np.zeros(2 * d), where=speeds > 0.0)
+        return cls(values, z, inverse, np.sqrt(squares), shares.sum(axis=0), shares)
+
+    def largest(self, duration: float) -> float:
+        """The largest drift of those that vibrate within a time [s]."""
+        return float(self.drift[self._vibrate(duration)].max(initial=0.0))
+
+    def is_turned(self, duration: float) -> bool:
+        """Whether frequencies of those differ from the ones in space, and their drift counts."""
+        other = np.abs(np.abs(self.values) - self.frequency) > _SAME_FREQUENCY * self.frequency
+        counts = self.drift > _SMALL_DRIFT * self.largest(duration)
+        return bool(np.any(other & counts & self._vibrate(duration)))
+
+    def _vibrate(self, duration: float) -> NDArray[np.bool_]:
+        return np.asarray(np.abs(self.values) * duration > 2.0 * np.pi * _LEAST_CYCLES)
+
+
+@dataclass(frozen=True, eq=False)
+class PoseVibrations:
+    """The vibrations of the machine about one row, those that the rows resolve.
+
+    States are amplitudes of the modes of the run, then of those that are left out, then the rates
+    of both.
+    """
+
+    shapes: Array  # (nv, d) of the modes of the run, in body axes
+    shape_rates: Array  # (nv, d) of these
+    project: Array  # (d, nv) amplitudes of a motion in body axes
+    own: FrequencyDrift
+    values: Complex  # (k,) of the states
+    vectors: Complex  # (2 (d + o), k)
+    kick: Complex  # (k, forces) change by a change of the rate of S, and of y
+    start: Complex  # (k, 2 (d + o)) from states
+    seen: Array  # (channels, d) change of the sensors
+
+    @classmethod
+    def of(
+        cls, bodies: Sequence[LackingBody], motions: tuple[Array, Array, Array], omega: Array,
+        matrices: tuple[Array, Array], seen: Array, turns: Sequence[Array],
+        times: tuple[float, float],
+    ) -> PoseVibrations:  # fmt: skip
+        """Of the modes of the run, of unit mass.
+
+        Parameters
+        ----------
+        bodies : sequence of LackingBody
+            The bodies.
+        motions : tuple of arrays
+            `shapes`, `shape_rates` and `project`.
+        omega : (d,) array
+            Frequencies of these modes without damping and gyroscopic forces [rad/s].
+        matrices : tuple of (d, d) arrays
+            Damping, with gyroscopic forces, and stiffness.
+        seen : (channels, d) array
+            Change of the sensors.
+        turns : sequence of (3,) arrays
+            Angular velocity of each body, body axes [rad/s].
+        times : tuple of float
+            Interval between rows and duration of the run [s].
+        """
+        X, d, (unit, duration) = motions[0], len(omega), times
+        own = FrequencyDrift.of(bodies, X, turns, *matrices, unit)
+        # forces: S of each body (its velocity coordinates), then y of all modes that are left out
+        loads = np.hstack([X[one.part].T for one in bodies])
+        w = np.concatenate([one.omega for one in bodies])
+        n = d + len(w)
+        if own.is_turned(duration):
+            values = own.values - 1j * np.sign(own.values.imag) * own.drift
+            vectors, start = np.zeros((2 * n, 2 * d), complex), np.zeros((2 * d, 2 * n), complex)
+            vectors[:d], vectors[n : n + d] = own.shapes, own.shapes * own.values
+            start[:, :d], start[:, n : n + d] = np.hsplit(own.inverse, 2)
+            kick = start[:, n:] @ block_diag(loads, np.zeros((len(w), len(w))))
+        else:
+            moved = [one.C @ X[one.part] for one in bodies]
+            A = np.concatenate([one.force @ x for one, x in zip(bodies, moved, strict=True)])
+            rest = sum(x.T @ one.rest @ x for one, x in zip(bodies, moved, strict=True))
+            lowered = np.eye(d) + omega[:, None] * rest * omega
+            inverse = np.linalg.inv(np.block([[lowered, -A.T], [-A, np.eye(len(w))]]))
+            D = block_diag(matrices[0], np.diag(2.0 * _OMITTED_DAMPING * w))
+            K = block_diag(matrices[1], np.diag(w**2))
+            values, vectors, start = _vibrations(inverse @ D, inverse @ K, unit)
+            kick = start[:, n:] @ inverse @ block_diag(loads, -np.eye(len(w)))
+        size = np.abs(values)
+        there = (size * unit < RESOLVED) & (values.real < _GROWTH * size)
+        there &= size * duration > 2.0 * np.pi * _LEAST_CYCLES
+        return cls(*motions, own, values[there], vectors[:, there], kick[there], start[there], seen)
+
+    def is_exact(self, duration: float) -> bool:
+        """Whether no vibration gets out of phase within a time [s], not even at resonance."""
+        return 2.0 * self.own.largest(duration) * duration < _LEAST_PHASE
+
+
+def _vibrations(D: Array, K: Array, unit: float) -> tuple[Complex, Complex, Complex]:
+    """λ (2 d,) of z̈ + D ż + K z = 0, its states (z, ż) as columns, and their inverse.
+
+    `unit` is a time [s] of the size of the vibrations.
+    """
+    d = len(K)
+    first = np.block([[np.zeros((d, d)), np.eye(d)], [-K * unit**2, -D * unit]])
+    values, vectors = np.linalg.eig(first.astype(complex))
+    rates = np.repeat([1.0, unit], d)
+    states, sizes = vectors / rates[:, None], np.linalg.inv(vectors) * rates
+    return np.asarray(values / unit), np.asarray(states), np.asarray(sizes)
+
+
+def _squares(form: Array, motions: NDArray[Any]) -> Array:
+    """(k,) of motions (n, k) in a quadratic form (n, n)."""
+    return np.asarray(np.einsum("ik,ij,jk->k", motions.conj(), form, motions).real)
