@@ -225,27 +225,19 @@ def _predict(run, radau, h):
 
 @unit
 def _put_rates(run: Run, radau: Radau, h: float) -> int:
-    """Velocities and accelerations of all stages from their displacements.
-
-    Both are taken from changes against uniform motion: of a steady velocity or state no round-off
-    is left, which equal steps would add up.
-    """
+    """Velocities and accelerations of all stages from their displacements."""
     st, col, bodies = run.state, run.work.collocation, run.system.parts.bodies
-    for k in range(st.v.shape[0]):
-        before = st.v[k]
-        for i in range(STAGES):
-            col.a[i, k] = col.u[i, k] - radau.c[i] * h * before
-        for n in range(STAGES):
-            col.v[n, k] = before + stage_sum(radau.inverse[n], col.a, k) / h
+    nv = st.v.shape[0]
     for n in range(STAGES):
+        for k in range(nv):
+            col.v[n, k] = stage_sum(radau.inverse[n], col.u, k) / h
         for b in range(bodies.shape[0]):
             o, u, v = bodies[b]["iv"] + 3, col.u[n], col.v[n]
             put_part(v, o, angular_velocity(part(u, o), part(v, o)))
-    for k in range(st.v.shape[0]):
-        x, y, z = col.v[0, k] - st.v[k], col.v[1, k] - st.v[k], col.v[2, k] - st.v[k]
-        for n in range(STAGES):
-            rate = radau.inverse[n]
-            col.a[n, k] = (rate[0] * x + rate[1] * y + rate[2] * z) / h
+    for n in range(STAGES):
+        rate = radau.inverse[n]
+        for k in range(nv):
+            col.a[n, k] = (stage_sum(rate, col.v, k) - (rate[0] + rate[1] + rate[2]) * st.v[k]) / h
     return method.SUCCESS
 
 
