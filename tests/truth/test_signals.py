@@ -278,7 +278,7 @@ def test_angles_of_teeth_with_play_do_not_leap_by_a_turn(accuracy):
     ],
 )  # fmt: skip
 def test_waves_by_inverse_functions(text, wave, kinks):
-    """Steps passed over their kinks: radau was 1.1 times 1e-5 off and told a quarter of it."""
+    """Steps passed over their kinks: at 1e-3 radau told an eighth of the error."""
 
     def truth(t):
         y, begin, out = np.zeros(2), 0.0, np.zeros((2, len(t)))
