@@ -64,7 +64,7 @@ def new_state(system: System, channels: int = 0) -> State:
     memory["symmetric"] = 0.0 if unsymmetric else 1.0
     return State(
         np.zeros(1), q, *(np.zeros(nv) for _ in range(6)), np.zeros(nc), np.zeros(nc),
-        np.zeros(3), np.zeros(3), _nan(2, 3), np.zeros(channels), q.copy(),
+        np.zeros(3), np.zeros(3), _nan(2, 3), np.zeros(channels), q.copy(), np.zeros(nv),
         np.tile([[2.0 * RELATIVE_ROUND_OFF], [1.0]], nv), np.zeros(nv), np.zeros(nv), memory,
         np.zeros(1, COUNTERS), np.zeros(system.history),
     )  # fmt: skip
@@ -159,8 +159,9 @@ def _new_feedback(system: System) -> FeedbackWork:
     channels = len(system.sensors.channels)
     block = np.zeros(4, dtype=np.int64)
     return FeedbackWork(
-        _nan(1), _nan(channels), _nan(partials), _nan(4, 12), _nan(n), _nan(n), block
-    )
+        _nan(1), _nan(channels), _nan(partials), np.zeros((2, sizes(system)[1])), _nan(4, 12),
+        _nan(n), _nan(n), block,
+    )  # fmt: skip
 
 
 def _new_dense(system: System) -> Dense:

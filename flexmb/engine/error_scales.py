@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.algebra.vector import weighted_max, zero
+from flexmb.engine.bodies.motion import RELATIVE_ROUND_OFF
 from flexmb.engine.jit import call_value, kernel, unit
 from flexmb.engine.method import HIGH_ORDER, SUCCESS
 from flexmb.engine.state import Run
@@ -47,7 +48,10 @@ def update_error_scales(run: Run) -> int:
         if m > 0:
             _unify_flexible_body(st, iv, m, _gyration(bodies[k]) * w[iv])
     for k in range(coordinates.shape[0]):
-        _update_scales(st, w, coordinates[k]["iq"], coordinates[k]["iv"], 1)
+        if coordinates[k]["state"] == 1:
+            _update_scales_of_state(run, coordinates[k]["iq"], coordinates[k]["iv"])
+        else:
+            _update_scales(st, w, coordinates[k]["iq"], coordinates[k]["iv"], 1)
     motion, speed = 0.0, 0.0
     for i in range(v.shape[0]):
         motion, speed = max(motion, st.q_scale[i]), max(speed, st.v_scale[i])
@@ -103,6 +107,21 @@ def _update_scales(st, weights, iq, iv, n):
         motion = max(motion, weights[iv + i] * abs(st.q[iq + i] - st.q_first[iq + i]))
         speed = max(speed, weights[iv + i] * abs(st.v[iv + i]))
     _raise_scales(st, iv, n, motion, speed)
+
+
+@kernel
+def _update_scales_of_state(run, iq, iv):
+    """Update the scales of a state, by its change so far as sensors see it, and of its integral.
+
+    A temperature near 300 K that changes by 1 mK has the steps of one near 0 K that does. Only
+    round-off of its value counts besides: its scale has at least that over the tolerance.
+    """
+    st, settings, first = run.state, run.settings, run.state.v_first[iv]
+    least = RELATIVE_ROUND_OFF / settings.tolerance * abs(st.v[iv])
+    speed = max(abs(st.v[iv] - first), least)
+    way = abs(st.q[iq] - st.q_first[iq] - first * (st.t[0] - settings.start))
+    way = max(way, least * (settings.end - settings.start))
+    _raise_scales(st, iv, 1, way * run.system.weights[iv], speed * run.system.weights[iv])
 
 
 @kernel

@@ -71,6 +71,7 @@ class State(NamedTuple):
     power_before: Matrix  # (2, 3) power one and two steps earlier; NaN after a start
     angles: Vector  # (channels,) continuous joint angles of the angle sensors, rad
     q_first: Vector  # (nq,) positions at the start, for displacements
+    v_first: Vector  # (nv,) velocities at the start, for changes of states
     # (2, nv) round-off of corrections at the start; 1: a driver acts there, or no body on states
     first_round_off: Matrix
     q_scale: Vector  # (nv,) error scale of positions: largest displacement so far, weighted
@@ -281,6 +282,7 @@ class FeedbackWork(NamedTuple):
     t: Vector  # (1,) time of their last evaluation, s
     near: Vector  # (channels,) the continuous angles at the last accepted state
     slopes: Vector  # (partials,) partial derivatives of functions by channels
+    rate_terms: Matrix  # (2, nv) of rates of states: sum of |terms|, and |slope| by the own state
     g: Matrix  # (4, 12) gradient of one term by positions, by velocities; two rows of scratch
     left: Vector  # (6 + m,) generalised force of a unit value of the function
     right: Vector  # (6 + m,) cp ∂m/∂q + cv ∂m/∂v of one term m, by the coordinates of a body

@@ -335,8 +335,9 @@ class RoundOff:
     """Round-off of one step in each compared quantity (k,); it depends on positions, not motion.
 
     Lengths have the round-off of the distance of their bodies from the origin, angles that of Euler
-    parameters, expressions that of the channels that they depend on. It is the standard deviation
-    of two roundings, by the step and its projection, uniform within a unit in the last place.
+    parameters, states that of their value, expressions that of the channels that they depend on. It
+    is the standard deviation of two roundings, by the step and its projection, uniform within a
+    unit in the last place.
 
     A sensor relative to a marker on ground that is far from the model has a round-off of its
     values besides, which steps do not add up.
@@ -347,6 +348,11 @@ class RoundOff:
         self._channels, bodies = compiled.layout.channels, parts.bodies["iq"]
         self._angles = np.array([1.0 * (one.unit == "rad") for one in rows])
         self._places, self._computed, self._row_of = [], [], dict[str, int]()
+        self._states = [
+            (k, one.columns[0]) for k, one in enumerate(rows)
+            if one.table == "sensors" and one.name in model.states
+        ]  # fmt: skip
+        self._row_of |= {self._channels[column]: k for k, column in self._states}
         self._ground = np.zeros(len(rows))  # distance of the markers on ground, if they are far
         for k, one in enumerate(rows):
             if one.unit not in ("m", "rad") or one.reach:
@@ -371,6 +377,8 @@ class RoundOff:
         sizes = self._angles.copy()
         for k, iq in self._places:
             sizes[k] = max(sizes[k], np.linalg.norm(block.q[:, iq : iq + 3], axis=1).max())
+        for k, column in self._states:
+            sizes[k] = np.abs(block.sensors[:, column]).max()
         return np.asarray(
             np.finfo(float).eps * np.sqrt(2.0 / 12.0) * self._computed_of(sizes, block)
         )

@@ -190,7 +190,7 @@ def prepared_run(
     integrator, times = make_integrator(spec, name), output_times(spec)
     verified = halving = None
     passes = np.array([(settings.tolerance, 1, tuple(METHODS).index(name), 0.0, 0.0)], PASSES)
-    state.q_first[:] = state.q
+    state.q_first[:], state.v_first[:] = state.q, state.v
     set_first_round_off(compiled, state)
     begin = State(*(array.copy() for array in state))
     if spec.verify is not False and settings.step == 0.0:
@@ -237,7 +237,7 @@ def rough_run(prepared: PreparedDynamics, progress: Progress) -> None:
         least_motion=_MIN_MOTION,
     )  # fmt: skip
     state = State(*(array.copy() for array in prepared.first))
-    state.q_first[:] = state.q
+    state.q_first[:], state.v_first[:] = state.q, state.v
     run, status = Integration(own.compiled, own.method, rough, state), method.SUCCESS
     least = state.q_scale.copy()  # scales at rest: below, the rough run shows nothing
     try:

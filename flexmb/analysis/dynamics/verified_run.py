@@ -73,6 +73,9 @@ _MIN_GROWTH = 10.0
 # at a cost of 1.12. With n + 1: 0, 1, 21 at 1.27. With n = 1 all of 80 runs are right.
 _FRACTIONAL_ORDER, _MIN_EVENTS = 1.5, 0.005
 _STATIC_ORDER = 3.0  # order of positions with kinetostatic modes, whose rates are those of cubics
+# Largest difference of the runs of a pass that follows a vibration, over the change from the pass
+# before, which damped it: a run of 1.6 times as many steps then lacks at most a fifth of it.
+_FOLLOWED_SHARE = 0.7
 # Stability limits a scout if more than this share of all steps are at its stability limit.
 _LIMITED_SHARE = 0.02
 # Shift of the end of a step over its size; largest ratio of neighbouring steps whose end is
@@ -150,11 +153,26 @@ class VerifiedRun:
             highest = min(highest, _FRACTIONAL_ORDER + exponent)
         steps, last = self.scout.state.count[0]["steps"], passes["last_steps"]
         known = 0.0 < passes["last_difference"] < _SAME_MOTION
-        if not known or steps < _MIN_STEP_GROWTH * last or (now := self.difference) == 0.0:
+        few = steps < _MIN_STEP_GROWTH * last or self._follows_a_damped_vibration
+        if not known or few or (now := self.difference) == 0.0:
             return highest
         scatter = _SCATTER if integrator.stages else 1.0
         order = math.log(scatter * passes["last_difference"] / now) / math.log(steps / last)
         return min(max(order, min(_MIN_ORDER * integrator.order, highest)), highest)
+
+    @property
+    def _follows_a_damped_vibration(self) -> bool:
+        """Whether both runs of the pass before damped a vibration that those of this one follow.
+
+        Errors of a vibration that is damped away are its amplitude, whatever the steps: such a pass
+        shows no order. It was farther from this one than its two runs from each other, and these
+        differ by less than its error.
+        """
+        before = self.error.ratio_before()
+        if before <= 1.0 or not damps_vibrations(self.fine.compiled, self.fine.method):
+            return False
+        changed = float(self.passes[0]["last_difference"]) / (before - 1.0)
+        return before < DAMPED_RATIO and self.difference < _FOLLOWED_SHARE * changed
 
     @property
     def _has_many_events(self) -> bool:
@@ -246,7 +264,8 @@ class VerifiedRun:
         """
         damped, ratio = damps_vibrations(self.fine.compiled, self.fine.method), self.ratio
         damped |= self.fine.settings.static_after_step == 1
-        if 0.0 < self.passes[0]["last_difference"] < _SAME_MOTION:
+        same = 0.0 < self.passes[0]["last_difference"] < _SAME_MOTION
+        if same and not self._follows_a_damped_vibration:
             luck = _SCATTER if self.fine.method.stages else 1.0
             ratio = min(self.error.ratio_before() or ratio, luck * ratio)
         ratio = min(ratio, self._expected_ratio())

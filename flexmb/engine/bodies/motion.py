@@ -112,7 +112,8 @@ def put_dq_round_off(run: Run, h: float) -> int:
     It is the largest of four: its value at the first pose (State.first_round_off); the round-off of
     the driver functions, where a driver acts; that of the displacement so far; and that of the
     present position. Of a state, a velocity whose position no force needs, it is that at the first
-    pose; under error control, if no body acts on it, that of its value times the size h of a step.
+    pose. Under error control it is that of its value times the size h of a step, and of the terms
+    that add up to its rate; if a body acts on it, at least that at the first pose.
     """
     st, tr, bodies, rows = run.state, run.work.trial, run.system.parts.bodies, run.system.rows
     coordinates = run.system.parts.coordinates
@@ -134,9 +135,13 @@ def put_dq_round_off(run: Run, h: float) -> int:
         o, far = coordinates[k]["iv"], RELATIVE_ROUND_OFF * abs(st.q[coordinates[k]["iq"]])
         places[o] = max(places[o], far * weights[o])
         if coordinates[k]["state"] == 1:
-            alone = first[1, o] == 1.0 and run.settings.step == 0.0
-            size = h * max(abs(st.v[o]) * weights[o], st.v_scale[o])
-            places[o] = first[0, o] * (size if alone else 1.0)
+            alone = first[1, o] == 1.0
+            size = h * max(abs(st.v[o]) * weights[o], st.v_scale[o] if alone else 0.0)
+            terms = run.work.feedback.rate_terms
+            size = max(size, h * h * terms[0, o] * weights[o] / (1.0 + h * terms[1, o]))
+            if run.settings.step > 0.0:
+                size = 1.0
+            places[o] = first[0, o] * (size if alone else max(size, 1.0))
     return SUCCESS
 
 

@@ -118,11 +118,16 @@ def add_tangents(run: Run, feedback: Feedback, at: Point, cv: float, cp: float) 
     _put_partial_derivatives(run, feedback)
     tangents, work = feedback.tangents, run.work.feedback
     slopes, right, block = work.slopes, work.right, work.block
+    clear(work.rate_terms, 2, work.rate_terms.shape[1])
     for k in range(tangents.shape[0]):
         row = tangents[k]
         slope = slopes[row["partial"]]
         if slope == 0.0:
             continue
+        if row["kind"] < 0 and (k == 0 or tangents[k - 1]["partial"] != row["partial"]):
+            value = run.work.trial.variables[feedback.partials[row["partial"]]["channel"], 0]
+            work.rate_terms[0, row["iv"]] += abs(slope * value)
+            work.rate_terms[1, row["iv"]] += abs(slope) if row["state"] == row["iv"] else 0.0
         _put_unit_force(run, row, at)
         if row["state"] >= 0:
             right[0] = cv

@@ -13,8 +13,8 @@ round-off. Two events within one interval (1/512 of the run) may be missed.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import lru_cache
+from collections.abc import Callable, Sequence
+from functools import lru_cache, partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,6 +25,7 @@ from flexmb.model.functions.derivatives import BINARY, UNARY, Program, evaluate,
 from flexmb.model.functions.expression import Ops, channel_of
 from flexmb.model.functions.piecewise import Piecewise
 
+_Function = Callable[[Array], Array]  # values (n,) at times (n,) [s]
 Line = tuple[float, float] | None
 """Coefficients (a, b) of a + b t; None for a function that is not linear in t."""
 
@@ -318,12 +319,17 @@ _SWITCH_VALUES: dict[str, tuple[float, ...]] = {
     **dict.fromkeys(("cubicstep", "haversinestep"), (0.0, 1.0)),
 }
 _MAX_CROSSINGS, _LINEAR_TOLERANCE, _START = 20_000, 1e-12, 1e-12
+# Arguments at which operations have a kink if their argument turns there, as in `asin(sin(t))`, and
+# how close to them counts; difference of times, over that of samples, that shows a turn.
+_TURNS = {"asin": (-1.0, 1.0), "acos": (-1.0, 1.0), "sqrt": (0.0,)}
+_SAME_VALUE, _TURN_SHARE = 1e-9, 0.01
 
 
 @lru_cache(maxsize=64)
 def switch_times(ops: Ops, end: float) -> tuple[float, ...]:
     """Times in (0, end) [s] at which operations switch formulas, if their argument is not linear in
-    time: zeros in ``abs(sin(t))``, equal arguments of max and min, ends of rises, corners; 0 if the
+    time: zeros in ``abs(sin(t))``, equal arguments of max and min, ends of rises, corners; those of
+    inverse functions in ``asin(sin(t))`` and ``atan2(sin(t), cos(t))``, and poles of tan; 0 if the
     argument of a sign is zero only at the start."""
     stack: list[Ops] = []
     times: list[float] = []
@@ -331,34 +337,55 @@ def switch_times(ops: Ops, end: float) -> tuple[float, ...]:
         last = stack.pop() if op in BINARY or op in UNARY else ()
         first = stack.pop() if op in BINARY else ()
         stack.append((*first, *last, (op, argument)))
+        if any(channel_of(inner) for inner, _ in (*first, *last)):
+            continue
         places = _SWITCH_VALUES.get(op, ())
         if op in ("max", "min"):
             last = (*first, *last, ("-", 0.0))
+        elif op == "tan":
+            last, places = (*last, ("cos", 0.0)), (0.0,)
         elif op == "piecewise" and argument.period == 0.0:
             places = argument.jumps()
-        if len(places) and not any(channel_of(inner) for inner, _ in last):
-            times += _times_at(last, places, end)
+        if len(places):
+            times += _times_at(partial(values_at, last), places, end)
             if op == "sign" and evaluate(last, 0.0)[0] == 0.0 != evaluate(last, _START * end)[0]:
                 times.append(0.0)
+        elif op in _TURNS:
+            times += _turns_at(last, _TURNS[op], end)
+        elif op == "atan2":  # of y and x
+            zeros = np.array(_times_at(partial(values_at, first), (0.0,), end))
+            times += zeros[values_at(last, zeros) < 0.0].tolist()
     return tuple(times) if len(times) <= _MAX_CROSSINGS else ()
 
 
-def _times_at(ops: Ops, places: Sequence[float], end: float) -> list[float]:
-    """Times in (0, end) [s] at which a program that is not linear in time has any of the values."""
+def _turns_at(ops: Ops, places: Sequence[float], end: float) -> list[float]:
+    """Times in (0, end) [s] at which a program turns at any of the values."""
+    apart = _TURN_SHARE * end / _SAMPLES
+
+    def change(t: Array) -> Array:
+        return values_at(ops, t + apart) - values_at(ops, t - apart)
+
+    turns = np.array(_times_at(change, (0.0,), end))
+    away = np.abs(values_at(ops, turns)[:, None] - np.array(places)).min(axis=1, initial=np.inf)
+    return [float(t) for t in turns[away <= _SAME_VALUE]]
+
+
+def _times_at(function: _Function, places: Sequence[float], end: float) -> list[float]:
+    """Times in (0, end) [s] at which a function, if not linear in time, has any of the values."""
     grid = np.linspace(0.0, end, _SAMPLES + 1)
-    values = values_at(ops, grid)
+    values = function(grid)
     if not np.isfinite(values).all():
         return []
     if np.abs(np.diff(values, 2)).max() <= _LINEAR_TOLERANCE * np.ptp(values):
         return []
     if any(len(_passages(values, place)) > _MANY for place in places):
         grid = np.linspace(0.0, end, _CLOSE_SAMPLES + 1)
-        values = values_at(ops, grid)
+        values = function(grid)
     times: list[float] = []
     for place in places:
         passed = _passages(values, place)
         if 0 < len(passed) <= _MAX_CROSSINGS:
-            times += _crossings(ops, place, grid[passed], grid[passed + 1])
+            times += _crossings(function, place, grid[passed], grid[passed + 1])
     return times
 
 
@@ -368,14 +395,14 @@ def _passages(values: Array, place: float) -> NDArray[np.intp]:
     return np.flatnonzero(beyond[1:] != beyond[:-1])
 
 
-def _crossings(ops: Ops, place: float, low: Array, high: Array) -> list[float]:
-    """Times [s] at which a program has a value, one in each interval that has it on both sides."""
-    first, last = (values_at(ops, t) - place for t in (low, high))
+def _crossings(function: _Function, place: float, low: Array, high: Array) -> list[float]:
+    """Times [s] at which a function has a value, one in each interval that has it on both sides."""
+    first, last = (function(t) - place for t in (low, high))
     within = first * last < 0.0
     low, high, below = low[within], high[within], first[within] < 0.0
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        before = (values_at(ops, middle) < place) == below
+        before = (function(middle) < place) == below
         low, high = np.where(before, middle, low), np.where(before, high, middle)
     times: list[float] = (0.5 * (low + high)).tolist()
     return times

@@ -112,6 +112,23 @@ def test_laws_that_change_with_a_function_of_time_are_found(given, wanted):
 @pytest.mark.parametrize(
     ("given", "wanted"),
     [
+        ("asin(sin(2*t))", np.pi / 4 * np.array([1, 3, 5, 7])),
+        ("2 - acos(cos(3*t))", np.pi / 3 * np.arange(1, 6)),
+        ("sqrt(sin(2*t)**2)", np.pi / 2 * np.arange(1, 4)),
+        ("atan(tan(2*t))", np.pi / 4 * np.array([1, 3, 5, 7])),
+        ("atan2(sin(2*t), cos(2*t))", np.pi / 2 * np.array([1, 3])),
+        ("atan2(sin(t), 1.5 + cos(t))", []),  # never at half a turn
+        ("asin(0.9*sin(t)) + sqrt(1 + sin(t)**2)", []),
+        ("asin(t/7)", []),
+    ],
+)
+def test_kinks_of_inverse_functions_are_found(given, wanted):
+    assert sorted(switch_times(parse(given).ops, 6.0)) == pytest.approx(wanted, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("given", "wanted"),
+    [
         ("sin(t)", None),
         ("sin(t) + 100*exp(-((t - 2)/0.01)**2)", (1.96, 2.04)),
         ("1000*(tanh((t - 2)*1000) - tanh((t - 2.01)*1000))", (1.99, 2.02)),
