@@ -129,15 +129,13 @@ class MeasuredError:
         """Store the samples of the pass before, for `ratio_before`."""
         self._before[:] = before._samples.table
 
-    def add(self, coarse: OutputBlock, fine: OutputBlock, counted: Array | None = None) -> None:
+    def add(self, coarse: OutputBlock, fine: OutputBlock) -> None:
         """Add the same rows of both runs, as far as both have them (SI).
 
         Parameters
         ----------
         coarse, fine : OutputBlock
             Rows (k, ...) of the scout and of the fine run.
-        counted : (k,) array of bool, optional
-            Rows whose differences count; the others extend the ranges alone. All by default.
         """
         n = min(len(fine.t), len(coarse.t))
         if n == 0:
@@ -152,16 +150,18 @@ class MeasuredError:
         gaps = comparison.differences(comparison.values(coarse.part(0, n)), values)
         comparison.update_range(values)
         t = fine.t[:n]
-        if counted is not None:
-            t, values, gaps = (one[counted[:n]] for one in (t, values, gaps))
-        if len(t) == 0:
-            return
         so_far = np.maximum.accumulate(np.vstack([self._largest[0], gaps]), axis=0)[1:]
         rises = so_far[-1] > self._largest[0]
         self._largest[1, rises] = t[gaps.argmax(axis=0)][rises]
         self._largest[0] = so_far[-1]
         self._growth.add(t, so_far[:, positions])
         self._samples.add(t, np.hstack([values[:, self._sampled], gaps[:, positions]]))
+
+    def extend_ranges(self, fine: OutputBlock) -> None:
+        """Extend the ranges by rows that the scout does not have."""
+        if len(fine.t):
+            self._cache.clear()
+            self.comparison.update_range(self.comparison.values(fine))
 
     def set_round_off(self, runs: Sequence[Array], steps: float) -> None:
         """Set the amplified round-off from values (k, components) of runs that differ only by it.

@@ -107,9 +107,9 @@ class VerifiedRun:
         The runs; the fine one follows the plan that the scout writes.
     error : MeasuredError
         Their difference so far.
-    recorded, counted, of_scout : (n,) array of bool
-        Which of the times of the fine run are outputs, at which the differences of both runs count
-        (elsewhere rows are for the ranges alone), and at which the scout has rows.
+    recorded, of_scout, between : (n,) array of bool
+        Which of the times of the fine run are outputs, at which the scout has rows too, and which
+        others extend the ranges of its values.
     passes : array
         Record `PASSES` of the run.
     is_stiff : bool
@@ -120,11 +120,11 @@ class VerifiedRun:
 
     def __init__(
         self, scout: Integration, fine: Integration, error: MeasuredError, recorded: np.ndarray,
-        counted: np.ndarray, of_scout: np.ndarray, passes: np.ndarray, is_stiff: bool,
+        of_scout: np.ndarray, between: np.ndarray, passes: np.ndarray, is_stiff: bool,
         jumps: JumpStates | None,
     ) -> None:  # fmt: skip
         self.scout, self.fine, self.error, self.passes = scout, fine, error, passes
-        self.recorded, self.counted, self.of_scout = recorded, counted, of_scout
+        self.recorded, self.of_scout, self.between = recorded, of_scout, between
         self.is_stiff, self.jumps = is_stiff, jumps
         self.chunks: list[Chunk] = []  # of the scout; of a resumed run those after it was resumed
 
@@ -195,11 +195,13 @@ class VerifiedRun:
     ) -> VerifiedRun:  # fmt: skip
         """A run and its scout, each from a copy of a state, at the local tolerance of `settings`.
 
-        `recorded` and `counted` flag the `times` (n,) of the run, see the attributes. The times of
-        `jumps` are among `times`.
+        `recorded` flags the outputs among the `times` (n,) of the run, `counted` those at which
+        differences of both runs count; elsewhere rows are for ranges alone. The times of `jumps`
+        are among `times`.
         """
         states = [State(*(array.copy() for array in first)) for _ in range(2)]
-        of_scout = scout_rows(len(times), bool(compiled.system.events))
+        compared = scout_rows(len(times), bool(compiled.system.events))
+        of_scout = compared & counted
         scout = Integration(
             compiled, integrator, scout_settings(settings, integrator), states[0], times[of_scout]
         )
@@ -207,7 +209,8 @@ class VerifiedRun:
             compiled, integrator, fine_settings(settings, integrator), states[1], times, scout.plan
         )
         error = MeasuredError.of(compiled, model, first, settings.end - settings.start)
-        return cls(scout, fine, error, recorded, counted, of_scout, passes, is_stiff, jumps)
+        between = compared & ~counted
+        return cls(scout, fine, error, recorded, of_scout, between, passes, is_stiff, jumps)
 
     def advance(self, first: bool = False) -> tuple[int, list[OutputBlock]]:
         """Integrate one chunk of both, or write the first row; the status, rows of the fine run."""
@@ -225,9 +228,9 @@ class VerifiedRun:
             if self.jumps is not None:
                 self.jumps.add_rows(block)
                 self.jumps.add_events(fine.events())
-            own = self._newest(self.of_scout, block)
-            both, counted = block.rows(own), self._newest(self.counted, block)[own]
-            self.error.add(coarse.part(done, done + len(both.t)), both, counted)
+            both = block.rows(self._newest(self.of_scout, block))
+            self.error.add(coarse.part(done, done + len(both.t)), both)
+            self.error.extend_ranges(block.rows(self._newest(self.between, block)))
             done += len(both.t)
             rows.append(block.rows(self._newest(self.recorded, block)))
             if first or fine_status != method.SUCCESS:
@@ -236,10 +239,6 @@ class VerifiedRun:
         if self.jumps is not None:
             self.jumps.add_steps(knots, fine.settings.refinement)
         return status, rows
-
-    def counted_rows(self, values: np.ndarray) -> np.ndarray:
-        """Those of the first rows (k, ...) of the scout at which differences count."""
-        return np.asarray(values[self.counted[self.of_scout][: len(values)]])
 
     def _newest(self, which: np.ndarray, block: OutputBlock) -> np.ndarray:
         """The entries of `which` for the rows of the last block of the fine run."""
@@ -330,7 +329,7 @@ def measure_round_off_growth(
             chunks = _repeated_chunks(verified, begin, progress)
         runs = [_rows_on_moved_steps(verified, begin, chunks, _KNOT_SHIFT, progress)]
         more = verified.fine.settings.refinement
-        own = verified.counted_rows(np.vstack([chunk.values for chunk in chunks]))
+        own = np.vstack([chunk.values for chunk in chunks])
         error.set_round_off([own, *runs], more)
         if error.amplified_round_off() > _MIN_AMPLIFIED * accuracy:
             runs += [
@@ -389,7 +388,7 @@ def _rows_on_moved_steps(
         if status != method.SUCCESS:
             break
         progress("integrate", 1.0, f"measures round-off, t = {run.state.t[0]:.4g} s")
-    return verified.counted_rows(np.vstack(rows))
+    return np.vstack(rows)
 
 
 def _set_moved_plan(run: Integration, knots: np.ndarray, shift: float) -> None:
