@@ -98,7 +98,7 @@ def stiffened(rng, body):
     return replace(
         body,
         centrifugal_stiffness=centrifugal + centrifugal.swapaxes(0, 1),
-        interfaces=tuple(replace(part, bend=forms(3)) for part in body.interfaces),
+        interfaces=tuple(replace(part, bend=forms(6)) for part in body.interfaces),
     )
 
 

@@ -205,7 +205,7 @@ class SlenderBar:
         turned = np.cross(alpha[:, None], arms) + np.cross(w[:, None], np.cross(w[:, None], arms))
         inertia, outer = ((far[:, None] + turned) @ self.axis) * self.mass[:, None]
         beyond = inertia.sum(axis=1, keepdims=True) - np.cumsum(inertia, axis=1) + outer
-        along = np.einsum("tki,tij,j->tk", loads.forces[:, on], A, self.axis)
+        along = np.einsum("tki,tij,j->tk", loads.wrenches[:, on, :3], A, self.axis)
         places = (loads.s[:, on] - self.body.center) @ self.axis
         return np.asarray(np.einsum("tks,tk->ts", places[:, :, None] > middle, along) - beyond)
 

@@ -46,7 +46,7 @@ def loaded():
     damping = {"preset": "adams", "modes": {1: 0.02}}
     body = beam(geometric_stiffening="full", damping=damping, residual="inertia", load_points=[1])
     rng = np.random.default_rng(0)
-    motion, bend = rng.normal(size=(2, 3, body.m)), np.zeros((3, body.m, body.m))
+    motion, bend = rng.normal(size=(2, 3, body.m)), np.zeros((6, body.m, body.m))
     point = LoadPoint("force +x", (1, 2, 3), *motion, bend, np.arange(6.0))
     points = (point, replace(point, name="moment -y"))
     push = LoadVector("push", (1, 0, 0), (0, 0, 2), np.arange(float(body.m)), points, 0.25)
@@ -145,7 +145,7 @@ def put(path, value):
     [
         (lambda f: f.attrs.update(format="other"), "not a flexible body of flexmb"),
         (lambda f: f.attrs.pop("format"), "not a flexible body of flexmb"),
-        (lambda f: f.attrs.update(version=99), "file version 99; this flexmb reads 3"),
+        (lambda f: f.attrs.update(version=99), "file version 99; this flexmb reads 4"),
         (lambda f: f.attrs.pop("mass"), "is damaged"),
         (lambda f: f.pop("inertia/S0"), "dataset inertia/S0 is missing"),
         (lambda f: f.pop("surface/faces"), "the body inside is not valid"),
