@@ -14,13 +14,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from femeshes import line
+from femeshes import line, solid_box
 from numpy.polynomial import Polynomial
 from scipy.linalg import eigh
+from shellkit import sheet
 
 import flexmb
 from flexmb.analysis.validity.load_factor import LoadFactorMonitor
-from flexmb.fe import rectangle, reduce
+from flexmb.fe import part, rectangle, reduce, shell
 from flexmb.model import Model
 from tests.accuracyscenes.judging import judged
 
@@ -146,17 +147,49 @@ def test_a_moment_of_constant_or_turning_axis_does_not_tip_it_over(axes, told):
     assert told(model) == []
 
 
+MESHES = {
+    "solids": lambda: solid_box("hexahedron20", (24, 1, 3), (LENGTH, THICK, HIGH),
+                                shape=lambda x: x - [0, THICK / 2, HIGH / 2]),
+    "shells": lambda: sheet((24, 4), shape=lambda x: np.stack(
+        [x[:, 0] * LENGTH, 0 * x[:, 0], (x[:, 1] - 0.5) * HIGH], axis=1)),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", MESHES)
+def test_strips_of_solids_and_shells_tip_over_as_the_solid_part_does(kind, told):
+    """Rigid ends warp less than those of a beam: it bears 4.6 % more."""
+    ends = {"root": "x0", "tip": "x1"}
+    factor, = part(
+        MESHES["solids"](), material=STEEL, interfaces=ends, buckling=1,
+        supports={"clamp": {"interface": "root", "type": "clamped"}},
+        loads={"tip": {"type": "interface", "interface": "tip", "force": [0, 0, FORCE]}},
+    ).load_factors  # fmt: skip
+    assert factor == pytest.approx(1.046, abs=0.01)
+    model, sections = Model("strip", gravity=[0, 0, 0]), {"all": shell(THICK)}
+    model.add_body("b", reduce(
+        MESHES[kind](), material=STEEL, interfaces=ends, modes=12, geometric_stiffening="full",
+        sections=sections if kind == "shells" else None,
+    ))  # fmt: skip
+    model.add_joint("clamp", "fixed", between=["ground", "b.root"])
+    model.add_force("load", "force", at="b.tip", value=[0, 0, 0.5 * FORCE])
+    assert told(model) == pytest.approx([0.5 / factor], rel=0.01)
+
+
 @pytest.mark.parametrize("words", [{}, {"frame": "interface root"}])
 def test_energy_is_kept_as_it_twists_and_sways(words):
     """On a free hub, after a blow of 0.02 s at its tip, which sways by a twentieth of its length."""
     model = cantilever(0.0, modes=2, **words)
     model.joints.clear()
+    model.set_validity(inertia_loads="any")
+    model.add_sensor("sway", "position", of="b0.tip", relative_to="hub", axes="hub")
     model.add_body("hub", mass=2.0, inertia=[0.02, 0.03, 0.04])
     model.add_joint("weld", "fixed", between=["hub", "b0.root"])
     blow = "step5(t, 0, 1, 0.01, 0)"
-    value = [f"2*{blow}", f"8*{blow}", f"60*{blow}"]
+    value = [f"10*{blow}", f"40*{blow}", f"300*{blow}"]
     model.add_force("blow", "force", at="b0.tip", value=value)
     found = flexmb.simulate(model, duration=0.06, outputs=30, accuracy=1e-8, method="radau",
                             verify=False)  # fmt: skip
-    total = found.energy[:, :3].sum(axis=1)[found.time > 0.0101]
+    total = sum(found.energy[kind] for kind in ("kinetic", "strain"))
+    total = total[found.time > 0.0101]
+    assert np.ptp(found["sway.y"]) > 0.05 * LENGTH
     assert np.ptp(total) < 1e-8 * total[0]
