@@ -64,13 +64,14 @@ FLEX_LAYOUT = (
 # One marker. body = -1: fixed in the global frame. `modes` < 0: fixed to the undeformed body; else
 # the pool offset of Phi_t (3, m), which Phi_r (3, m) follows. `arm` turns with the node. If the
 # motion of the node has terms of second order in eta, `bend` is the pool offset of the `forms`
-# coefficients K (`forms.rows_of_bend`): 3, or 6 with its rotation.
+# coefficients K (`forms.rows_of_bend`): 3; 6 with its rotation; 4 if this is about the axis `turn`.
 MARKER = np.dtype(
     [
         ("body", _I),
         ("modes", _I),
         ("bend", _I),
         ("forms", _I),
+        ("turn", _F, (3,)),
         ("point", _I),  # 1: only its position is used, not its axes (`bodies.marker`)
         ("rho", _F, (3,)),  # node position in body axes
         ("arm", _F, (3,)),  # from the node to the marker, body axes, undeformed

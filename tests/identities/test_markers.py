@@ -46,7 +46,7 @@ def placed(bench, q):
             moved = shapes @ eta
             if mk["bend"] >= 0:  # second order: half eta^T K_d eta along d, and about d
                 K = bend_of(mk, m, parts.pool)
-                moved[: mk["forms"]] -= 0.5 * np.einsum("idj,i,j->d", K, eta, eta)
+                moved[: K.shape[1]] -= 0.5 * np.einsum("idj,i,j->d", K, eta, eta)
             E = rotation(exponential(moved[3:]))
             s = mk["rho"] + moved[:3] + E @ mk["arm"]
         x.append(q[i : i + 3] + A @ s)
@@ -64,6 +64,11 @@ def axial(W):
     return 0.5 * np.stack(
         [W[:, 2, 1] - W[:, 1, 2], W[:, 0, 2] - W[:, 2, 0], W[:, 1, 0] - W[:, 0, 1]], axis=1
     )
+
+
+def test_second_order_rotations_about_one_axis_and_all_occur():
+    bench = Bench(Mechanism(7, "loop", "stiffened").model)
+    assert {4, 6} <= set(bench.sys.parts.markers["forms"].tolist())
 
 
 def test_positions_and_axes(bench):

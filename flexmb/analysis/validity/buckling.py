@@ -148,9 +148,9 @@ class LoadedMechanism:
                     both += (f @ arm)[:, None, None] * np.eye(3)
                     Kb[:, 3:, 3:] += Phi[3:].T @ both @ Phi[3:]
                     if marker["bend"] >= 0:
+                        bend = bend_of(marker, m, parts.pool)
                         w = np.concatenate([f, turn + np.cross(arm, f)], axis=1)
-                        w, bend = w[:, : marker["forms"]], bend_of(marker, m, parts.pool)
-                        Kb[:, 3:, 3:] += np.einsum("nd,idj->nij", w, bend)
+                        Kb[:, 3:, 3:] += np.einsum("nd,idj->nij", w[:, : bend.shape[1]], bend)
             trace = np.trace(moments, axis1=1, axis2=2)[:, None, None]
             Kb[:, :3, :3] = 0.5 * (moments + moments.transpose(0, 2, 1)) - trace * np.eye(3)
             if body is not None:

@@ -16,7 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from flexmb.engine.algebra.vector import copy, modal_vector, zero
+from flexmb.engine.algebra.vector import copy, modal_vector, times, triple, zero
 from flexmb.engine.jit import kernel, separate
 from flexmb.engine.tables import half_of_forms, whole_vectors
 
@@ -30,6 +30,20 @@ def grouped_rows(forms: ArrayLike) -> NDArray[np.float64]:
     forms[:, diagonal, diagonal] *= 0.5
     forms = np.pad(forms, ((0, 0), *[(0, -len(diagonal) % 8)] * 2))
     return forms[:, half_of_forms(len(diagonal))]
+
+
+def bend_with_axis(bend: NDArray[np.float64], turn: float) -> tuple[NDArray[np.float64], ...]:
+    """The forms that matter of those of a marker (6, m, m), and an axis (3,).
+
+    They are six; or three if second-order rotations are round-off of squares of `turn`, those of
+    its modes; or four if all these are about one axis.
+    """
+    axes, sizes, _ = np.linalg.svd(bend[3:].reshape(3, -1), full_matrices=False)
+    if sizes[0] <= _ROUND_OFF * turn**2:
+        return bend[:3], np.zeros(3)
+    if sizes[1] <= _ROUND_OFF * sizes[0]:
+        return np.concatenate([bend[:3], np.tensordot(axes[:, :1].T, bend[3:], 1)]), axes[:, 0]
+    return bend, np.zeros(3)
 
 
 def rows_of_bend(forms: ArrayLike) -> NDArray[np.float64]:
@@ -46,7 +60,10 @@ def bend_of(marker: np.void, m: int, pool: NDArray[np.float64]) -> NDArray[np.fl
     """K (m, 3 or 6, m) of a marker, from its rows in the pool (`rows_of_bend`)."""
     n, at = marker["forms"] * m, marker["bend"]
     rows = pool[at : at + m * whole_vectors(n)].reshape(m, -1)
-    return rows[:, :n].reshape(m, -1, m)
+    K = rows[:, :n].reshape(m, -1, m)
+    if marker["forms"] != 4:
+        return K
+    return np.concatenate([K[:, :3], marker["turn"][:, None] * K[:, 3:]], axis=1)
 
 
 @kernel
@@ -121,8 +138,16 @@ def subtract_products(T, at, n, m, x, o, out):
 @kernel
 def put_bent_modes(mk, pool, q, o, m, phi):
     """phi[:6m] = Φ − ηᵀ K_d of a marker at η = q[o:o+m]; the rest of phi is scratch."""
+    at, one_axis, axis = mk["modes"] + 3 * m, mk["forms"] == 4, mk["turn"]
     copy(pool[mk["modes"] : mk["modes"] + 6 * m], phi)
+    if one_axis:
+        zero(phi[3 * m : 4 * m])
     subtract_products(pool, mk["bend"], whole_vectors(mk["forms"] * m), m, q, o, phi)
+    if one_axis:
+        for j in range(m):
+            turned = phi[3 * m + j]
+            for a in range(3):
+                phi[(3 + a) * m + j] = pool[at + a * m + j] + axis[a] * turned
 
 
 @kernel
@@ -132,8 +157,13 @@ def bending_acceleration(mk, pool, v, o, m, phi):
     zero(phi[first : first + n])
     subtract_products(pool, mk["bend"], n, m, v, o, phi[first:])
     point, turning = modal_vector(phi, first, m, v, o), (0.0, 0.0, 0.0)
-    if mk["forms"] > 3:
+    if mk["forms"] == 6:
         turning = modal_vector(phi, first + 3 * m, m, v, o)
+    elif mk["forms"] == 4:
+        turned = 0.0
+        for j in range(m):
+            turned += phi[first + 3 * m + j] * v[o + j]
+        turning = times(turned, triple(mk["turn"]))
     return point, turning
 
 

@@ -26,7 +26,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.algebra.forms import bending_acceleration, put_bent_modes, rows_of_bend
+from flexmb.engine.algebra.forms import (
+    bend_with_axis,
+    bending_acceleration,
+    put_bent_modes,
+    rows_of_bend,
+)
 from flexmb.engine.algebra.vector import (
     axis_vector,
     column,
@@ -53,8 +58,6 @@ from flexmb.engine.tables import MARKER, Pool
 
 if TYPE_CHECKING:
     from flexmb.model.markers import PlacedMarker
-
-_ROUND_OFF = 1e-12  # second-order rotation of a marker, over the square of its rotation
 
 
 class Markers(NamedTuple):
@@ -360,7 +363,7 @@ class MarkerTable:
     def add(self, marker: PlacedMarker, point: bool = False) -> int:
         """Index of the marker; `point`: the caller needs only its position."""
         row = self._row(marker)
-        body, modes, bend, _, rho, arm, R = row
+        body, modes, bend, _, _, rho, arm, R = row
         key = body, modes, bend, rho.tobytes(), arm.tobytes(), R.tobytes()
         if key not in self.numbers_of:
             self.numbers_of[key] = len(self.rows)
@@ -396,8 +399,8 @@ class MarkerTable:
             rho, arm = marker.position, np.zeros(3)
         if body >= 0 and len(self.references):
             rho = rho - self.references[body]
-        bend, forms = self._bend(marker) if modes >= 0 else (-1, 0)
-        return body, modes, bend, forms, rho, arm, marker.R
+        bend = self._bend(marker) if modes >= 0 else (-1, 0, np.zeros(3))
+        return body, modes, *bend, rho, arm, marker.R
 
     def body(self, marker: int) -> int:
         """Body of a marker, -1 for ground."""
@@ -405,7 +408,7 @@ class MarkerTable:
 
     def on_ground(self) -> NDArray[np.float64]:
         """Positions (n, 3) of the markers on ground so far."""
-        return np.array([row[4] for row in self.rows if row[0] < 0]).reshape(-1, 3)
+        return np.array([row[5] for row in self.rows if row[0] < 0]).reshape(-1, 3)
 
     def _modes(self, marker: PlacedMarker) -> int:
         if marker.Phi_t is None or marker.Phi_r is None or marker.Phi_t.shape[1] == 0:
@@ -416,17 +419,15 @@ class MarkerTable:
             self.modes[key] = self.pool.add(both)
         return self.modes[key]
 
-    def _bend(self, marker: PlacedMarker) -> tuple[int, int]:
-        """Pool offset of the forms of a marker, -1: none, and how many they are."""
-        if marker.bend is None:
-            return -1, 0
-        assert marker.Phi_r is not None
-        least = _ROUND_OFF * np.abs(marker.Phi_r).max(initial=0.0) ** 2
-        forms = marker.bend if np.abs(marker.bend[3:]).max() > least else marker.bend[:3]
+    def _bend(self, marker: PlacedMarker) -> tuple[int, int, NDArray[np.float64]]:
+        """Pool offset of the forms of a marker, -1: none, how many they are, and their axis."""
+        if marker.bend is None or marker.Phi_r is None:
+            return -1, 0, np.zeros(3)
+        forms, axis = bend_with_axis(marker.bend, np.abs(marker.Phi_r).max())
         key = b"bend " + marker.body.encode() + forms.tobytes()
         if key not in self.modes:
             self.modes[key] = self.pool.add(rows_of_bend(forms))
-        return self.modes[key], len(forms)
+        return self.modes[key], len(forms), axis
 
     def table(self) -> NDArray[np.void]:
         """MARKER rows."""
@@ -435,7 +436,8 @@ class MarkerTable:
             table["point"] = [
                 k not in self.framed and row[1] < 0 for k, row in enumerate(self.rows)
             ]
-            for k, name in enumerate(("body", "modes", "bend", "forms", "rho", "arm", "R")):
+            names = ("body", "modes", "bend", "forms", "turn", "rho", "arm", "R")
+            for k, name in enumerate(names):
                 table[name] = [row[k] for row in self.rows]
             table["rho"][table["body"] < 0] -= self.origin
         return table

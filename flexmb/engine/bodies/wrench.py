@@ -206,9 +206,12 @@ def _add_modal_arm(mk, mn, pool, phi, m, force, moment, B):
     if mk["bend"] >= 0:
         at, n = mk["bend"], whole_vectors(mk["forms"] * m)
         add_symmetric_rows(pool, at, n, m, times(-1.0, force), B, 6)
-        if mk["forms"] > 3:
-            turn = turned(mn["T"], whole)
-            add_symmetric_rows(pool, at + 3 * m, n, m, times(-1.0, turn), B, 6)
+        turn = times(-1.0, turned(mn["T"], whole))
+        if mk["forms"] == 6:
+            add_symmetric_rows(pool, at + 3 * m, n, m, turn, B, 6)
+        elif mk["forms"] == 4:
+            f = (0.0, 0.0, inner(triple(mk["turn"]), turn))
+            add_symmetric_rows(pool, at + m, n, m, f, B, 6)
 
 
 @kernel
