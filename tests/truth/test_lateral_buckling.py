@@ -237,3 +237,20 @@ def test_energy_is_kept_as_it_twists_and_sways(words):
     total = total[found.time > 0.0101]
     assert np.ptp(found["sway.y"]) > 0.05 * LENGTH
     assert np.ptp(total) < 1e-8 * total[0]
+
+
+@pytest.mark.parametrize("moment", [1e-5, 0.05, 0.2])
+def test_a_torque_does_not_hide_that_a_square_column_buckles(moment, told):
+    """Both of its buckling loads, which are equal, become a conjugate pair."""
+    side = 0.01
+    body = reduce(line(16, end=(1, 0, 0)), material=STEEL, sections={"all": rectangle(side, side)},
+                  interfaces={"root": "root", "tip": "tip"}, modes=8,
+                  geometric_stiffening="full")  # fmt: skip
+    stiffness = E * side**4 / 12
+    model = Model("column", gravity=[0, 0, 0])
+    model.add_body("column", body)
+    model.add_joint("root", "fixed", between=["ground", "column.root"])
+    load = 0.5 * np.pi**2 / 4 * stiffness
+    model.add_force("load", "force", at="column.tip", value=[-load, 0, 0])
+    model.add_force("torque", "torque", at="column.tip", value=[moment * stiffness, 0, 0])
+    assert told(model) == pytest.approx([0.5], rel=0.02)

@@ -33,7 +33,9 @@ from flexmb.flexbody.natural_modes import matrices_at_rest
 # equal columns of a frame have the same.
 _MIN_ENERGY = 0.5
 _RIGID_SHARE = 1e-9  # ω² over the largest one, below which a motion deforms nothing
-_REAL = 1e-6  # imaginary part of a load factor, over its size, that is round-off
+# Imaginary part of a load factor over its real part, up to which it counts: equal buckling loads
+# of a round or square column become a conjugate pair by a small torque.
+_REAL = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +104,7 @@ class LoadedMechanism:
         loss = -V.transpose(0, 2, 1) @ Kg[rows] @ V
         if len(self._turning):
             every, shapes = np.linalg.eig(loss)
-            real = np.abs(every.imag) <= _REAL * np.abs(every).max(axis=1, keepdims=True)
+            real = np.abs(every.imag) <= _REAL * every.real
             every = np.where(real, every.real, 0.0)
             largest = every.argmax(axis=1)[:, None]
             factors = np.take_along_axis(every, largest, axis=1)
