@@ -42,7 +42,7 @@ if TYPE_CHECKING:
     import h5py
 
 FORMAT = "flexmb-flexbody"
-VERSION = 4
+VERSION = 3
 _NOUN = "the flexible body"
 FRAME = "mean-axis"  # Rigid motions are mass-orthogonal to all modes.
 
@@ -441,5 +441,6 @@ def _check_lengths(datasets: dict[str, Any], source: Path, table: tuple[Dataset,
             for want, have in zip(row.shape, shape, strict=True)
         ):
             raise BodyFileError(
-                f"{source}: the dataset {row.path} has shape {shape}, not {row.shape}"
+                f"{source}: the dataset {row.path} has shape {shape}, not {row.shape}: make the "
+                "file again"
             )

@@ -145,7 +145,7 @@ def put(path, value):
     [
         (lambda f: f.attrs.update(format="other"), "not a flexible body of flexmb"),
         (lambda f: f.attrs.pop("format"), "not a flexible body of flexmb"),
-        (lambda f: f.attrs.update(version=99), "file version 99; this flexmb reads 4"),
+        (lambda f: f.attrs.update(version=99), "file version 99; this flexmb reads 3"),
         (lambda f: f.attrs.pop("mass"), "is damaged"),
         (lambda f: f.pop("inertia/S0"), "dataset inertia/S0 is missing"),
         (lambda f: f.pop("surface/faces"), "the body inside is not valid"),
@@ -158,6 +158,10 @@ def put(path, value):
         (put("inertia/S1", [0.0, np.nan, 0.0]), "inertia/S1 has entries that are not finite"),
         (put("inertia/S1", [0.0, 0.0]), r"inertia/S1 has shape \(2,\), not \(3,\)"),
         (put("stiffness/D", np.zeros((3, 3))), "stiffness/D has shape"),
+        (
+            lambda f: f.create_dataset("interfaces/bend", data=np.zeros((2, 3, 10, 10))),
+            "interfaces/bend has .*: make the file again",
+        ),
         (put("stiffness/K", -np.eye(10)), "K: has a negative eigenvalue"),
         (put("interfaces/name", [1, 2]), "is damaged"),
         (lambda f: f.attrs.update(mass=-1.0), "mass: must be positive"),
