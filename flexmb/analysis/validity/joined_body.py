@@ -34,7 +34,7 @@ from flexmb.analysis.validity.linear_elasticity import (
     largest_lengths,
     relative_motion,
 )
-from flexmb.analysis.validity.load_factor import slender_axis
+from flexmb.analysis.validity.load_factor import longest_axis
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody
@@ -214,7 +214,7 @@ def bars_without_stiffening(compiled: Compiled, model: Model) -> Iterator[Slende
     """The straight slender bodies without geometric stiffening."""
     numbers = compiled.system.parts.bodies["iv"]
     for columns, body in flexible_columns(compiled):
-        axis, length = slender_axis(body, _SLENDER)
+        axis, length = longest_axis(body, _SLENDER)
         if body.centrifugal_stiffness is not None or not length or body.nodes is None:
             continue
         if stretches(model.bodies[columns.name]):

@@ -43,7 +43,6 @@ from flexmb.results.output_block import OutputBlock
 #: Load factor above which a run has a note.
 NEAR_BUCKLING = 0.8
 _EULER = 0.1  # Euler load of a pinned bar over ω₁² m L: 1/π²
-_SLENDER = 0.05  # largest ratio of the second moments of mass across and along a slender bar
 # Rows are examined if a simple upper bound of the load exceeds this share of the warning level.
 _MIN_ESTIMATE = 0.3
 _MAX_ENTRIES = 2_000_000  # matrix entries of all rows that are examined together
@@ -56,7 +55,7 @@ _FAST = 0.3
 
 
 class LoadFactorMonitor:
-    """Computes the load factor of each slender body with geometric stiffening along a run.
+    """Computes the load factor of each body with geometric stiffening along a run.
 
     Parameters
     ----------
@@ -77,9 +76,8 @@ class LoadFactorMonitor:
             for columns, body in flexible_columns(compiled):
                 Cq = ConstraintRows(compiled).evaluate(q).Cq if Cq is None else Cq
                 frequencies, _ = joined_modes(body, columns, q, Cq)
-                _, length = slender_axis(body)
-                stiffened = body.centrifugal_stiffness is not None
-                if length == 0.0 or not len(frequencies) or not stiffened:
+                _, length = longest_axis(body)
+                if body.centrifugal_stiffness is None or not len(frequencies):
                     continue
                 lowest = _lowest_frequency(compiled, q) if lowest is None else lowest
                 euler = _EULER * min(frequencies[0], lowest) ** 2 * body.mass * length
@@ -100,7 +98,7 @@ class LoadFactorMonitor:
         ]
         self._largest = np.zeros((2, len(self._bodies)))
         self._mean = np.full((2, len(self._bodies)), np.nan)  # mean over a period, time of last row
-        self._stretches = [stretch(body, slender_axis(body)[0]) for _, body, *_ in self._bodies]
+        self._stretches = [stretch(body, longest_axis(body)[0]) for _, body, *_ in self._bodies]
         self._last = np.full((len(self._bodies), 3), np.nan)  # as of `slow_shares`
 
     @cached_property
@@ -233,7 +231,7 @@ def _lowest_frequency(compiled: Compiled, q: Array) -> float:
     return float(omega[0]) if len(omega) else 0.0  # none if all modes follow their loads
 
 
-def slender_axis(body: FlexBody, ratio: float = _SLENDER) -> tuple[Array, float]:
+def longest_axis(body: FlexBody, ratio: float = np.inf) -> tuple[Array, float]:
     """Axis and length of a body; length 0 if second moments across and along it exceed a ratio."""
     S = body.S0 - np.outer(body.S1, body.S1) / body.mass
     values, axes = np.linalg.eigh(S)
