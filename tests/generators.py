@@ -88,17 +88,24 @@ def interface(rng, name, m):
 
 
 def stiffened(rng, body):
-    """The body with any geometric stiffness: of centrifugal loads, and of forces at interfaces."""
+    """The body with any geometric stiffness: of centrifugal loads, and of loads at interfaces.
+
+    Of the first interface moments about one axis have one.
+    """
 
     def forms(*shape):
         values = 0.1 * rng.standard_normal((*shape, body.m, body.m))
         return values + values.swapaxes(-1, -2)
 
     centrifugal = forms(3, 3)
+    bends = [forms(6) for _ in body.interfaces]
+    bends[0][3:] = rng.standard_normal(3)[:, None, None] * forms()
     return replace(
         body,
         centrifugal_stiffness=centrifugal + centrifugal.swapaxes(0, 1),
-        interfaces=tuple(replace(part, bend=forms(3)) for part in body.interfaces),
+        interfaces=tuple(
+            replace(part, bend=bend) for part, bend in zip(body.interfaces, bends, strict=True)
+        ),
     )
 
 

@@ -73,7 +73,7 @@ def new_state(system: System, channels: int = 0) -> State:
 def _bending_shape(parts: Parts) -> tuple[int, int]:
     """Shape of Now.Phi."""
     bends, m = bool((parts.markers["bend"] >= 0).any()), int(parts.bodies["m"].max(initial=0))
-    return (len(parts.markers), 2 * whole_vectors(3 * m)) if bends else (0, 0)
+    return (len(parts.markers), 2 * whole_vectors(6 * m)) if bends else (0, 0)
 
 
 def _nan(*shape: int) -> np.ndarray:

@@ -63,13 +63,15 @@ FLEX_LAYOUT = (
 
 # One marker. body = -1: fixed in the global frame. `modes` < 0: fixed to the undeformed body; else
 # the pool offset of Phi_t (3, m), which Phi_r (3, m) follows. `arm` turns with the node. If the
-# displacement of the node has terms of second order in eta, `bend` is the pool offset of their
-# coefficients K (`rows_of_bend`).
+# motion of the node has terms of second order in eta, `bend` is the pool offset of the `forms`
+# coefficients K (`forms.rows_of_bend`): 3; 6 with its rotation; 4 if this is about the axis `turn`.
 MARKER = np.dtype(
     [
         ("body", _I),
         ("modes", _I),
         ("bend", _I),
+        ("forms", _I),
+        ("turn", _F, (3,)),
         ("point", _I),  # 1: only its position is used, not its axes (`bodies.marker`)
         ("rho", _F, (3,)),  # node position in body axes
         ("arm", _F, (3,)),  # from the node to the marker, body axes, undeformed
@@ -309,22 +311,6 @@ def aligned(values: NDArray[np.float64]) -> NDArray[np.float64]:
     first = -(room.ctypes.data // 8) % 8
     room[first : first + values.size] = values.ravel()
     return room[first : first + values.size].reshape(values.shape)
-
-
-def rows_of_bend(forms: ArrayLike) -> NDArray[np.float64]:
-    """The rows that the pool stores of three symmetric forms K (3, m, m) of a marker.
-
-    Row j is K[:, j], 3 m numbers padded to whole processor vectors, so that a product with the
-    modal coordinates reads all three forms row by row.
-    """
-    rows = np.swapaxes(forms, 0, 1).reshape(np.shape(forms)[1], -1)
-    return np.pad(rows, ((0, 0), (0, whole_vectors(rows.shape[1]) - rows.shape[1])))
-
-
-def bend_of(marker: np.void, m: int, pool: NDArray[np.float64]) -> NDArray[np.float64]:
-    """K (m, 3, m) of a marker, from its rows in the pool (`rows_of_bend`)."""
-    n, at = whole_vectors(3 * m), marker["bend"]
-    return pool[at : at + m * n].reshape(m, n)[:, : 3 * m].reshape(m, 3, m)
 
 
 def half_of_forms(m: int) -> NDArray[np.bool_]:

@@ -163,7 +163,7 @@ def reduce(
         inside solids, ``"none"`` (or False) for a smaller file.
     geometric_stiffening : str
         ``"full"``: internal forces stiffen or soften the body, and its ends approach each other
-        when it bends. Needs an interface; takes three static solutions per interface, and six more.
+        when it bends. Needs an interface; takes six static solutions per interface, and six more.
     residual : str
         ``"inertia"`` adds up to twelve residual vectors, the static responses to the body's own
         inertia loads: deformation and stress under acceleration and spin are then exact in the

@@ -67,7 +67,7 @@ TABLE = (
     Dataset("stiffness/D", "f8", ("m", "m"), "modal damping"),
     Dataset("damping/ratios", "text", (1,), "of its modes in a scene, JSON", True),
     Dataset("stiffness/centrifugal_stiffness", "f8", (3, 3, "m", "m"), "of rho (e_a s_b)", True),
-    Dataset("interfaces/bend", "f8", ("i", 3, "m", "m"), "geometric, of unit forces", True),
+    Dataset("interfaces/bend", "f8", ("i", 6, "m", "m"), "of unit forces and moments", True),
     Dataset("interfaces/name", "text", ("i",), "names of the markers"),
     Dataset("interfaces/position", "f8", ("i", 3), "reference points [m]"),
     Dataset("interfaces/Phi_t", "f8", ("i", 3, "m"), "translation per unit eta [m]"),
@@ -90,7 +90,7 @@ TABLE = (
     Dataset("nodes/Phi_t", "f8", ("k", 3, "m"), "displacement per unit eta [m]", True),
     Dataset("nodes/Phi_r", "f8", ("k", 3, "m"), "rotation per unit eta [rad]", True),
     Dataset("nodes/bend_nodes", "i8", ("f",), "mesh nodes with a bend", True),
-    Dataset("nodes/bend", "f8", ("f", 3, "m", "m"), "as of interfaces", True),
+    Dataset("nodes/bend", "f8", ("f", 6, "m", "m"), "as of interfaces", True),
     Dataset("groups/name", "text", ("u",), "named groups of mesh nodes", True),
     Dataset("groups/count", "i8", ("u",), "how many nodes each holds", True),
     Dataset("groups/nodes", "i8", ("x",), "their mesh nodes, group by group", True),
@@ -139,7 +139,7 @@ TABLE = (
     Dataset("load_points/Phi_t", "f8", ("q", 3, "m"), "translation per unit eta", True),
     Dataset("load_points/Phi_r", "f8", ("q", 3, "m"), "rotation per unit eta [rad]", True),
     Dataset("load_points/wrench", "f8", ("q", 6), "force [N] and moment [N m] there", True),
-    Dataset("load_points/bend", "f8", ("q", 3, "m", "m"), "as of interfaces", True),
+    Dataset("load_points/bend", "f8", ("q", 6, "m", "m"), "as of interfaces", True),
     Dataset("provenance/key", "text", ("s",), "names of entries"),
     Dataset("provenance/value", "text", ("s",), "their values"),
 )
@@ -441,5 +441,6 @@ def _check_lengths(datasets: dict[str, Any], source: Path, table: tuple[Dataset,
             for want, have in zip(row.shape, shape, strict=True)
         ):
             raise BodyFileError(
-                f"{source}: the dataset {row.path} has shape {shape}, not {row.shape}"
+                f"{source}: the dataset {row.path} has shape {shape}, not {row.shape}: make the "
+                "file again"
             )

@@ -6,9 +6,10 @@ its interfaces, k. There u' = u − u_k − θ_k × (s − s_k), so the integral
 exactly from those of the old ones and of rigid motion.
 
 Geometric stiffening is due to displacements of second order. The rotation θ_k of the frame changes
-them by −θ_k × N η + θ_k × (θ_k × (s − c))/2, and by a second-order rigid motion, such that they
-have no momentum and no angular momentum in the new frame either: the interface is at rest in it to
-first order. Source: Shabana, Dynamics of Multibody Systems, 4th ed., §5.6 on reference conditions.
+them by −θ_k × N η + θ_k × (θ_k × (s − c))/2, rotations by −θ_k × θ/2 (Baker, Campbell, Hausdorff),
+and both by a second-order rigid motion, such that they have no momentum and no angular momentum in
+the new frame either: the interface is at rest in it to first order. Source: Shabana, Dynamics of
+Multibody Systems, 4th ed., §5.6 on reference conditions.
 """
 
 from __future__ import annotations
@@ -84,35 +85,13 @@ def without_stiffening(body: FlexBody) -> FlexBody:
 
 
 def with_stretching(body: FlexBody) -> FlexBody:
-    """The body in mean axes with geometric stiffening and what is left of its membrane stiffness.
-
-    Displacements of second order then turn no interface; moments in the surface of the body, which
-    geometric stiffening has not, are in the membrane stiffness.
-    """
+    """The body with geometric stiffening and what is left of its membrane stiffness."""
     whole = body.membrane_stiffness
     if whole is None or body.centrifugal_stiffness is None or is_divided(body):
         return body
-    turns = np.vstack([end.Phi_r for end in body.interfaces])
-    left, moved = whole.beside_geometric_stiffness(body.K, turns)
-    P = 0.5 * (body.P + body.P.swapaxes(0, 1))
-
-    def bent(point: _Point) -> _Point:
-        assert point.bend is not None
-        return replace(point, bend=point.bend + whole.curvatures(point.Phi_t @ moved))
-
-    nodes = body.nodes
-    if nodes is not None and (points := nodes.points_with_bend()):
-        nodes = replace(nodes, bend=np.array([bent(one).bend for one in points]))
     return replace(
         body,
-        centrifugal_stiffness=body.centrifugal_stiffness + whole.curvatures(P @ moved),
-        interfaces=tuple(bent(end) for end in body.interfaces),
-        nodes=nodes,
-        loads=tuple(
-            replace(one, points=bent_points(one.points, whole.curvatures(one.modal @ moved)))
-            for one in body.loads
-        ),
-        membrane_stiffness=left,
+        membrane_stiffness=whole.beside_geometric_stiffness(body.K),
         provenance={**body.provenance, _DIVIDED: "beside geometric stiffening"},
     )
 
@@ -123,16 +102,15 @@ def is_divided(body: FlexBody) -> bool:
 
 
 def bent_points(points: tuple[LoadPoint, ...], form: FloatArray) -> tuple[LoadPoint, ...]:
-    """The points of a load, with more second-order displacement of the first one with a force.
+    """The points of a load, with more second-order motion of one of them, a force if there is any.
 
-    It is such that this force does the work of the geometric stiffness `form` of the whole load.
+    It is such that this one does the work of the geometric stiffness `form` of the whole load.
     """
-    bends = [np.zeros((3, *form.shape)) if one.bend is None else one.bend.copy() for one in points]
-    for point, bend in zip(points, bends, strict=True):
-        axis = int(np.abs(point.wrench[:3]).argmax())
-        if point.wrench[axis]:
-            bend[axis] += form / point.wrench[axis]
-            break
+    bends = [np.zeros((6, *form.shape)) if one.bend is None else one.bend.copy() for one in points]
+    first = min(range(len(points)), key=lambda k: not points[k].wrench[:3].any(), default=None)
+    if first is not None:
+        axis = int(np.abs(points[first].wrench).argmax())
+        bends[first][axis] += form / points[first].wrench[axis]
     return tuple(replace(point, bend=bend) for point, bend in zip(points, bends, strict=True))
 
 
@@ -264,10 +242,11 @@ def _stiffening(body: FlexBody, turn: FloatArray) -> _Stiffening:
 
     def bend(part: Interface) -> FloatArray:
         arm, moved = part.position - c, part.Phi_t - body.p / body.mass
+        rotation = -0.5 * np.einsum("bdm,dn->bmn", theta, part.Phi_r) - psi
         v = -np.einsum("bdm,dn->bmn", theta, moved) + 0.5 * np.einsum("bdmn,d->bmn", twice, arm)
         v = v - np.einsum("bcd,cmn,d->bmn", _EPS, psi, arm)
         assert part.bend is not None
-        return np.asarray(part.bend - 2.0 * _symmetric(v))
+        return np.asarray(part.bend - 2.0 * _symmetric(np.concatenate([v, rotation])))
 
     return body.centrifugal_stiffness - both, bend
 

@@ -25,7 +25,6 @@ from flexmb.flexbody.arrays import Checker, FloatArray, IntArray
 
 _STEPS, _ITERATIONS = 8, 30  # of the load; of Newton's method in each of them, at most
 _CONVERGED = 1e-9  # change of the coordinates over these
-_NO_TURN = 1e-10  # flexibility of interfaces to moments, over the largest, that is round-off
 _MAIN_SHARE = 0.03  # strain energy of a main shape over the largest, from which on it is one
 
 
@@ -89,25 +88,15 @@ class MembraneStiffness:
             check.add("quadratic", "has a negative eigenvalue: stretching takes energy")
         check.raise_problems()
 
-    def beside_geometric_stiffness(
-        self, K: FloatArray, turns: FloatArray
-    ) -> tuple[MembraneStiffness, FloatArray]:
-        """What is left if geometric stiffening has the forces at interfaces and of inertia.
+    def beside_geometric_stiffness(self, K: FloatArray) -> MembraneStiffness:
+        """What is left if geometric stiffening has the loads at interfaces and of inertia.
 
         With these the modes, of stiffness K (m, m), move by −K⁻¹ C y to where the energy is least.
-        Joints that hold the rotations `turns` (r, m) of interfaces then bend the body in its
-        surface by moments: the energy, if no interface turns by displacements of second order, and
-        the deformation (m, p) per product that these moments cause.
         """
-        free, bent = np.linalg.solve(K, self.linear), np.linalg.solve(K, turns.T)
-        left = self.quadratic - self.linear.T @ free
+        left = self.quadratic - self.linear.T @ np.linalg.solve(K, self.linear)
         values, vectors = np.linalg.eigh(left)
         left = (vectors * values.clip(0.0)) @ vectors.T
-        flexibility = turns @ bent
-        moments = np.linalg.pinv(flexibility, rcond=_NO_TURN, hermitian=True) @ turns @ free
-        left = left + moments.T @ flexibility @ moments
-        moved = np.asarray(-bent @ moments)
-        return MembraneStiffness(self.shapes, turns.T @ moments, left), moved
+        return MembraneStiffness(self.shapes, np.zeros_like(self.linear), left)
 
     def main_shapes(self, eta: FloatArray, K: FloatArray) -> MembraneStiffness:
         """That of the shapes with most of the strain energy in a deformation eta (m,).

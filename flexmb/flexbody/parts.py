@@ -30,10 +30,10 @@ class Interface:
         Undeformed reference point, body frame [m].
     Phi_t, Phi_r : (3, m) float
         Translation [m] and small rotation [rad] of the point per unit modal coordinate, body axes.
-    bend : (3, m, m) float, optional
-        Per unit force at the point along each body axis: its geometric stiffness [1/m per m^2 of
-        eta]. The second-order displacement of the point is -1/2 eta^T bend eta along that axis.
-        None: not known, and left out.
+    bend : (6, m, m) float, optional
+        Geometric stiffness of a unit force along each body axis, and of a unit moment about each.
+        The second-order displacement of the point is -1/2 eta^T bend eta along these axes, and so
+        is that in its rotation vector. None: not known, and left out.
     """
 
     name: str
@@ -49,7 +49,7 @@ class Interface:
         m = self.Phi_t.shape[1]
         set_fields(self, Phi_r=check.floats("Phi_r", self.Phi_r, (3, m)))
         if self.bend is not None:
-            set_fields(self, bend=check.floats("bend", self.bend, (3, m, m)))
+            set_fields(self, bend=check.floats("bend", self.bend, (6, m, m)))
         check.raise_problems()
 
 
@@ -158,7 +158,7 @@ class NodeModes:
     bend_nodes : (b,) int, optional
         Nodes whose ``bend`` is known: those of loads and sensors on a body with geometric
         stiffening.
-    bend : (b, 3, m, m) float, optional
+    bend : (b, 6, m, m) float, optional
         As of :class:`Interface`.
     """
 
@@ -186,7 +186,7 @@ class NodeModes:
         if self.bend_nodes is not None and self.bend is not None:
             set_fields(self, bend_nodes=check.integers("bend_nodes", self.bend_nodes, (None,)))
             b, m = len(self.bend_nodes), self.Phi_t.shape[2]
-            set_fields(self, bend=check.floats("bend", self.bend, (b, 3, m, m)))
+            set_fields(self, bend=check.floats("bend", self.bend, (b, 6, m, m)))
             if not np.isin(self.bend_nodes, self.ids).all():
                 check.add("bend_nodes", "holds nodes that the body does not have")
         elif self.bend_nodes is not None or self.bend is not None:
@@ -199,7 +199,7 @@ class NodeModes:
         return row if row < len(self.ids) and self.ids[row] == node else -1
 
     def bend_at(self, row: int) -> FloatArray | None:
-        """(3, m, m) bend of the node in a row; None: not known."""
+        """(6, m, m) bend of the node in a row; None: not known."""
         if self.bend_nodes is None or self.bend is None:
             return None
         at = np.flatnonzero(self.bend_nodes == self.ids[row])

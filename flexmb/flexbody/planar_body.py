@@ -18,7 +18,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import eigh
+from scipy.linalg import block_diag, eigh
 
 from flexmb.errors import Problem, ReductionError
 from flexmb.flexbody.arrays import FloatArray, IntArray
@@ -405,8 +405,10 @@ def _in_plane(part: Interface, n: FloatArray) -> Interface:
 
 
 def _bend_in_plane(bend: FloatArray, n: FloatArray) -> FloatArray:
-    """(..., 3, m, m) without the displacement along n."""
-    return np.asarray(bend - np.einsum("a,b,...bij->...aij", n, n, bend))
+    """(..., 6, m, m) without the displacement along n and the rotation about axes in the plane."""
+    N = np.outer(n, n)
+    S = block_diag(np.eye(3) - N, N)
+    return np.asarray(np.einsum("ab,...bij->...aij", S, bend))
 
 
 def _symmetric(matrix: FloatArray) -> FloatArray:

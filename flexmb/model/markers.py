@@ -342,8 +342,9 @@ class PlacedMarker:
         Marker axes (columns) in body axes.
     Phi_t, Phi_r : (3, m) float or None
         Translation and rotation of the carrier per unit modal coordinate; None: moves rigidly.
-    bend : (3, m, m) float, optional
-        Second-order displacement of the carrier: along each axis -1/2 eta^T bend eta [m].
+    bend : (6, m, m) float, optional
+        Second-order displacement of the carrier: along each axis -1/2 eta^T bend eta [m], and that
+        of its rotation vector [rad].
     """
 
     body: str

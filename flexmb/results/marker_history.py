@@ -4,7 +4,7 @@ In: positions, velocities and accelerations from a result. Out: channels that no
 ``rod.big_end.velocity.x`` (of a marker, global axes), ``crank_pin.angle`` and
 ``crank_pin.angle_rate`` (of a joint), ``rod.mode_energy.3`` (share of a mode in the strain energy).
 Markers of flexible bodies move as in the time loop: p = r + A s, s = rho + Phi_t eta - 1/2 eta' K_d
-eta + E arm, E = exp(Phi_r eta) (see `engine.bodies.marker`).
+eta + E arm, E = exp(Phi_r eta - 1/2 eta' K_d eta) (see `engine.bodies.marker`).
 """
 
 from __future__ import annotations
@@ -184,40 +184,43 @@ def marker_motion(
     """Motion of a marker of a body with states q (k, 7 + m), v (k, 6 + m) and vd (k, 6 + m)."""
     A, k = rotation_matrices(q[:, 3:7]), len(q)
     eta = q[:, 7:]
-    Phi_t, Phi_r, bend = marker.Phi_t, marker.Phi_r, marker.bend
-    if Phi_t is None or Phi_r is None:
-        Phi_t = Phi_r = np.zeros((3, eta.shape[1]))
-    theta = eta @ Phi_r.T
+    Phi, bend = np.zeros((6, eta.shape[1])), marker.bend
+    if marker.Phi_t is not None and marker.Phi_r is not None:
+        Phi = np.vstack([marker.Phi_t, marker.Phi_r])
+    slope = None if bend is None else np.einsum("dij,kj->kdi", bend, eta)  # K_d eta
+    moved = eta @ Phi.T if slope is None else _moved(Phi - 0.5 * slope, eta)
+    theta = moved[:, 3:]
     E = _rotation_matrices(theta) if theta.any() else np.broadcast_to(np.eye(3), (k, 3, 3))
     arm = E @ marker.arm
-    slope = None if bend is None else np.einsum("dij,kj->kdi", bend, eta)  # K_d eta
-    s = marker.rho + arm + eta @ Phi_t.T
-    if slope is not None:
-        s = s - 0.5 * np.einsum("kdi,ki->kd", slope, eta)
+    s = marker.rho + arm + moved[:, :3]
     position, axes = q[:, :3] + _to_global(A, s), A @ E @ marker.R
     if v is None:
         return MarkerMotion(position, axes)
     omega, rate = v[:, 3:6], v[:, 6:]
-    theta_rate = rate @ Phi_r.T
+    moved = rate @ Phi.T if slope is None else _moved(Phi - slope, rate)
+    theta_rate = moved[:, 3:]
     e = _rotation_rate(theta, theta_rate)
-    u = np.cross(e, arm) + rate @ Phi_t.T
-    if slope is not None:
-        u = u - np.einsum("kdi,ki->kd", slope, rate)
+    u = np.cross(e, arm) + moved[:, :3]
     velocity = v[:, :3] + _to_global(A, np.cross(omega, s) + u)
     angular_velocity = _to_global(A, omega + e)
     if vd is None:
         return MarkerMotion(position, axes, velocity, angular_velocity)
     alpha, second = vd[:, 3:6], vd[:, 6:]
-    f = _rotation_rate(theta, second @ Phi_r.T) + _rotation_rate_change(theta, theta_rate)
-    a = np.cross(alpha, s) + np.cross(omega, np.cross(omega, s) + 2.0 * u)
-    a = a + np.cross(f, arm) + np.cross(e, np.cross(e, arm)) + second @ Phi_t.T
+    moved = second @ Phi.T
     if bend is not None and slope is not None:
-        a = a - np.einsum("kdi,ki->kd", slope, second)
-        a = a - np.einsum("dij,ki,kj->kd", bend, rate, rate)
+        moved = _moved(Phi - slope, second) - np.einsum("dij,ki,kj->kd", bend, rate, rate)
+    f = _rotation_rate(theta, moved[:, 3:]) + _rotation_rate_change(theta, theta_rate)
+    a = np.cross(alpha, s) + np.cross(omega, np.cross(omega, s) + 2.0 * u)
+    a = a + np.cross(f, arm) + np.cross(e, np.cross(e, arm)) + moved[:, :3]
     return MarkerMotion(
         position, axes, velocity, angular_velocity,
         vd[:, :3] + _to_global(A, a), _to_global(A, alpha + f + np.cross(omega, e)),
     )  # fmt: skip
+
+
+def _moved(Phi: Array, eta: Array) -> Array:
+    """(k, 6) Phi (k, 6, m) times eta (k, m)."""
+    return np.asarray(np.einsum("kdi,ki->kd", Phi, eta))
 
 
 def _to_global(A: Array, x: Array) -> Array:

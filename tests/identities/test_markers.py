@@ -11,7 +11,7 @@ import pytest
 from enginekit import Bench, curvature, exponential, rotation, slope
 from generators import Mechanism
 
-from flexmb.engine.tables import bend_of
+from flexmb.engine.algebra.forms import bend_of
 
 DIFFERENCES = 1e-9
 SECOND_DIFFERENCES = 3e-8
@@ -42,13 +42,13 @@ def placed(bench, q):
         A, s, E = rotation(q[i + 3 : i + 7]), mk["rho"] + mk["arm"], np.eye(3)
         if mk["modes"] >= 0:
             shapes = parts.pool[mk["modes"] : mk["modes"] + 6 * m].reshape(6, m)
-            u, theta = np.split(shapes @ q[i + 7 : i + 7 + m], [3])
-            E = rotation(exponential(theta))
-            s = mk["rho"] + u + E @ mk["arm"]
-            if mk["bend"] >= 0:  # foreshortening: half eta^T K_d eta along d
+            eta = q[i + 7 : i + 7 + m]
+            moved = shapes @ eta
+            if mk["bend"] >= 0:  # second order: half eta^T K_d eta along d, and about d
                 K = bend_of(mk, m, parts.pool)
-                eta = q[i + 7 : i + 7 + m]
-                s = s - 0.5 * np.einsum("idj,i,j->d", K, eta, eta)
+                moved[: K.shape[1]] -= 0.5 * np.einsum("idj,i,j->d", K, eta, eta)
+            E = rotation(exponential(moved[3:]))
+            s = mk["rho"] + moved[:3] + E @ mk["arm"]
         x.append(q[i : i + 3] + A @ s)
         R.append(A @ E @ mk["R"])
     return np.array(x), np.array(R)
@@ -64,6 +64,11 @@ def axial(W):
     return 0.5 * np.stack(
         [W[:, 2, 1] - W[:, 1, 2], W[:, 0, 2] - W[:, 2, 0], W[:, 1, 0] - W[:, 0, 1]], axis=1
     )
+
+
+def test_second_order_rotations_about_one_axis_and_all_occur():
+    bench = Bench(Mechanism(7, "loop", "stiffened").model)
+    assert {4, 6} <= set(bench.sys.parts.markers["forms"].tolist())
 
 
 def test_positions_and_axes(bench):

@@ -14,6 +14,8 @@ from flexmb.fe import rectangle, reduce
 from flexmb.flexbody.effects import frame_at_interface
 from flexmb.flexbody.natural_modes import natural_modes
 from flexmb.model import Model
+from flexmb.model.markers import PlacedMarker
+from flexmb.results.marker_history import marker_motion
 
 
 @pytest.fixture(scope="module")
@@ -57,15 +59,30 @@ def test_a_load_acts_on_modes_as_its_node_moves(frames):
         np.testing.assert_allclose(load.modal, wanted, atol=1e-9 * np.abs(wanted).max())
 
 
-def test_interfaces_are_as_far_apart_in_both_frames():
-    """To second order, Δu = ΔΦ η − ηᵀ Δb η/2: a turn of the frame changes no distance."""
-    body = rod(0.01, 1.0, 10, 4, geometric_stiffening="full")
-    seconds = []
-    for framed in (body, frame_at_interface(body, "root")):
-        root, tip = (framed.interface(name) for name in ("root", "tip"))
-        moved, arm = tip.Phi_t - root.Phi_t, tip.position - root.position
-        seconds.append(moved.T @ moved - np.tensordot(arm, tip.bend - root.bend, 1))
-    np.testing.assert_allclose(*seconds, rtol=0, atol=1e-9 * np.abs(seconds[0]).max())
+def test_one_interface_is_where_it_is_from_the_other_in_both_frames():
+    """To second order: the place and the rotation of the tip in the axes of the root."""
+    mesh, sections = line(10, end=(0.8, 0.6, 0)), {"all": rectangle(0.003, 0.04)}
+    ends = {"root": "root", "tip": "tip"}
+    body = reduce(mesh, material="steel", sections=sections, interfaces=ends, modes=4,
+                  geometric_stiffening="full")  # fmt: skip
+    assert np.abs(body.interface("root").bend[3:]).max() > 0.1
+    shape = np.linalg.solve(body.K, body.interface("tip").Phi_t.T @ [0.3, -0.4, 300.0])
+    shape *= 0.025 / np.abs(body.interface("tip").Phi_t @ shape).max()
+    gaps = []
+    for size in (1.0, 0.5):
+        poses = []
+        for framed in (body, frame_at_interface(body, "root")):
+            eta = np.concatenate([[0, 0, 0, 1, 0, 0, 0], size * shape])[None]
+            root, tip = (
+                marker_motion(PlacedMarker("", part.position, np.zeros(3), np.eye(3),
+                                           part.Phi_t, part.Phi_r, part.bend), eta)
+                for part in framed.interfaces
+            )  # fmt: skip
+            R = root.axes[0]
+            poses.append([R.T @ (tip.position - root.position)[0], *(R.T @ tip.axes[0]).T])
+        gap = np.abs(np.subtract(*poses))
+        gaps.append([gap[0].max(), gap[1:].max()])
+    assert np.log2(np.divide(*gaps)) == pytest.approx(3.0, abs=0.2)
 
 
 def spun_up(body, **words):

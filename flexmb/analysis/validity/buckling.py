@@ -1,12 +1,14 @@
 """Load factors of a mechanism: its loads over those that buckle it.
 
 The load factor μ is the largest number for which K + K_g/μ is singular, with K_g the geometric
-stiffness of the forces at markers and of the inertia loads, for those motions of the whole
-mechanism that deform it.
+stiffness of the forces and moments at markers and of the inertia loads, for those motions of the
+whole mechanism that deform it.
 
-A force in the axes of a marker turns with it, which adds an unsymmetric stiffness. Only real μ
-count then: a column under a force that follows its tip never buckles, but flutters (Beck, Z. angew.
-Math. Phys. 3, 1952), which is a motion that the equations describe.
+Moments are conjugate to rotation vectors (semitangential), to which the rows of joints that keep
+axes perpendicular add their own curvature. A force in the axes of a marker turns with it, and a
+torque is conjugate to the spin, which adds an unsymmetric stiffness. Only real μ count then: a
+column under a force that follows its tip never buckles, but flutters (Beck, Z. angew. Math. Phys.
+3, 1952), which is a motion that the equations describe.
 
 Sources: Timoshenko & Gere, Theory of Elastic Stability, §2.2; Bolotin, Nonconservative Problems of
 the Theory of Elastic Stability, 1963, ch. 2.
@@ -20,8 +22,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import ConstraintRows, numerical_rank
+from flexmb.engine.algebra.forms import bend_of
 from flexmb.engine.compile import Compiled
-from flexmb.engine.tables import bend_of
+from flexmb.engine.joints import DOT1
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, IntArray, skew
 from flexmb.flexbody.natural_modes import matrices_at_rest
@@ -30,21 +33,25 @@ from flexmb.flexbody.natural_modes import matrices_at_rest
 # equal columns of a frame have the same.
 _MIN_ENERGY = 0.5
 _RIGID_SHARE = 1e-9  # ω² over the largest one, below which a motion deforms nothing
-_REAL = 1e-6  # imaginary part of a load factor, over its size, that is round-off
+# Imaginary part of a load factor over its real part, up to which it counts: equal buckling loads
+# of a round or square column become a conjugate pair by a small torque.
+_REAL = 0.2
 
 
 @dataclass(frozen=True, eq=False)
 class Loads:
-    """Loads at n times of a run: q, v, vd; forces at markers (n, markers, 3) in global axes, their
-    arms in body axes; the axes A (n, bodies, 3, 3) of all bodies; those forces (n, k, 3) that turn
-    with a marker."""
+    """Loads at n times of a run: q, v, vd; wrenches at markers (n, markers, 6) in global axes,
+    their arms in body axes; the axes A (n, bodies, 3, 3) of all bodies and R of all markers;
+    multipliers of the rows; those forces and torques (n, k, 3) that are not conservative."""
 
     q: Array
     v: Array
     vd: Array
-    forces: Array
+    wrenches: Array
     s: Array
     A: Array
+    R: Array
+    lam: Array
     turning: Array
 
 
@@ -72,7 +79,8 @@ class LoadedMechanism:
     def load_factors(self, loads: Loads) -> Array:
         """(n, bodies) load factors of the mechanism, each assigned to the bodies that buckle."""
         n, Kg = len(loads.q), self._geometric_stiffness(loads)
-        self._add_turning_forces(loads, Kg)
+        self._add_axes_of_joints(loads, Kg)
+        self._add_turning_loads(loads, Kg)
         poses = [self._rows.evaluate(q).jacobian for q in loads.q]
         _, S, Vt = np.linalg.svd(np.array([pose.A for pose in poses]))
         ranks = np.array([numerical_rank(one) for one in S])
@@ -96,7 +104,7 @@ class LoadedMechanism:
         loss = -V.transpose(0, 2, 1) @ Kg[rows] @ V
         if len(self._turning):
             every, shapes = np.linalg.eig(loss)
-            real = np.abs(every.imag) <= _REAL * np.abs(every).max(axis=1, keepdims=True)
+            real = np.abs(every.imag) <= _REAL * every.real
             every = np.where(real, every.real, 0.0)
             largest = every.argmax(axis=1)[:, None]
             factors = np.take_along_axis(every, largest, axis=1)
@@ -114,7 +122,8 @@ class LoadedMechanism:
     def _geometric_stiffness(self, loads: Loads) -> Array:
         """(n, nv, nv) second variation of the work of all loads by rotations and eta, body axes.
 
-        The loads are forces at markers and inertia forces ρ (a + G s), all of constant direction.
+        The loads are forces at markers and inertia forces ρ (a + G s), all of constant direction,
+        and semitangential moments at markers.
         """
         K = np.zeros((len(loads.q), *self._K.shape))
         parts, v, vd = self._compiled.system.parts, loads.v, loads.vd
@@ -126,17 +135,24 @@ class LoadedMechanism:
             spin = w[:, :, None] * w[:, None]
             G = skew(alpha) + spin - (w * w).sum(axis=1)[:, None, None] * np.eye(3)
             markers = np.flatnonzero(parts.markers["body"] == number)
-            forces, Kb = loads.forces[:, markers] @ A, K[:, iv + 3 : part.stop, iv + 3 : part.stop]
+            forces, turns = loads.wrenches[:, markers, :3] @ A, loads.wrenches[:, markers, 3:] @ A
+            Kb = K[:, iv + 3 : part.stop, iv + 3 : part.stop]
             moments = G @ entry["S0"] + a[:, :, None] * entry["S1"]
             moments = moments - forces.transpose(0, 2, 1) @ loads.s[:, markers]
             for k, marker in enumerate(parts.markers[markers]):
-                f = forces[:, k]
                 if m and marker["modes"] >= 0:
-                    Phi = parts.pool[marker["modes"] : marker["modes"] + 3 * m].reshape(3, m)
-                    Kb[:, :3, 3:] -= np.cross(Phi.T, f[:, None]).transpose(0, 2, 1)
+                    f, turn, arm = forces[:, k], turns[:, k], marker["arm"]
+                    Phi = self._modes(markers[k])
+                    carried = np.cross(Phi[:3].T, f[:, None])
+                    carried += 0.5 * np.cross(Phi[3:].T, turn[:, None])
+                    Kb[:, :3, 3:] -= carried.transpose(0, 2, 1)
+                    both = -0.5 * (arm[:, None] * f[:, None] + f[:, :, None] * arm)
+                    both += (f @ arm)[:, None, None] * np.eye(3)
+                    Kb[:, 3:, 3:] += Phi[3:].T @ both @ Phi[3:]
                     if marker["bend"] >= 0:
                         bend = bend_of(marker, m, parts.pool)
-                        Kb[:, 3:, 3:] += np.einsum("nd,idj->nij", f, bend)
+                        w = np.concatenate([f, turn + np.cross(arm, f)], axis=1)
+                        Kb[:, 3:, 3:] += np.einsum("nd,idj->nij", w[:, : bend.shape[1]], bend)
             trace = np.trace(moments, axis1=1, axis2=2)[:, None, None]
             Kb[:, :3, :3] = 0.5 * (moments + moments.transpose(0, 2, 1)) - trace * np.eye(3)
             if body is not None:
@@ -150,27 +166,59 @@ class LoadedMechanism:
             Kb[:, 3:, :3] = Kb[:, :3, 3:].transpose(0, 2, 1)
         return K
 
-    def _add_turning_forces(self, loads: Loads, K: Array) -> None:
-        """Add to K (n, nv, nv) the stiffness of forces that turn with a marker.
+    def _add_axes_of_joints(self, loads: Loads, K: Array) -> None:
+        """Add to K (n, nv, nv) the curvature of the rows a·b of axes of two markers.
+
+        With rotations α and β of the markers, its part of second order beside that of these
+        rotations is (α·a)(α·b)/2 + (β·a)(β·b)/2 - (β·a)(α·b) where a·b = 0.
+        """
+        rows, markers = self._compiled.system.rows, self._compiled.system.parts.markers
+        for k in np.flatnonzero((rows["kind"] == DOT1) & (loads.lam != 0.0).any(axis=0)):
+            ends = [int(rows[k][side]) for side in "IJ"]
+            a, b = (loads.R[:, at, :, rows[k][axis]] for at, axis in zip(ends, "ab", strict=True))
+            bodies = [int(markers["body"][at]) for at in ends]
+            H = [
+                loads.A[:, body] @ self._rotation(at) if body >= 0 else None
+                for body, at in zip(bodies, ends, strict=True)
+            ]
+            both = loads.lam[:, k, None, None] * a[:, :, None] * b[:, None]
+            for i, j in ((0, 0), (1, 1), (0, 1), (1, 0)):
+                first, second = H[i], H[j]
+                if first is None or second is None:
+                    continue
+                part = 0.5 * (both + both.transpose(0, 2, 1)) if i == j else -both
+                part = part.transpose(0, 2, 1) if (i, j) == (0, 1) else part
+                own, other = self._bodies[bodies[i]][1], self._bodies[bodies[j]][1]
+                K[:, own, other] += first.transpose(0, 2, 1) @ part @ second
+
+    def _add_turning_loads(self, loads: Loads, K: Array) -> None:
+        """Add to K (n, nv, nv) the stiffness of forces that turn with a marker, and of torques.
 
         A rotation δθ of the marker changes a force F by δθ × F: at a marker with the motion J v and
         the rotation H v, body axes, that is Jᵀ F̃ B H, B from the axes of the one body to the other.
+        A torque does so too; and it does work on the spin δθ + θ × δθ/2 of its marker.
         """
         markers = self._compiled.system.parts.markers
         for k, load in enumerate(self._turning):
             turned, H = int(markers["body"][load["axes"]]), self._rotation(load["axes"])
             for at, sign in ((load["marker"], 1.0), (load["other"], -1.0)):
                 number = int(markers["body"][at])
-                if at < 0 or number < 0 or turned < 0:
+                if at < 0 or number < 0:
                     continue
                 back = loads.A[:, number].transpose(0, 2, 1)
                 F = sign * np.einsum("nij,nj->ni", back, loads.turning[:, k])
-                change = skew(F) @ back @ loads.A[:, turned] @ H
-                rows, columns = self._bodies[number][1], self._bodies[turned][1]
+                rows = self._bodies[number][1]
                 J = np.zeros((len(F), 3, rows.stop - rows.start))
-                J[:, :, :3], J[:, :, 3:6] = np.eye(3), -skew(loads.s[:, at])
-                J[:, :, 6:] = self._modes(at)[:3]
-                K[:, rows, columns] += J.transpose(0, 2, 1) @ change
+                if load["torque"]:
+                    J[:] = self._rotation(at)
+                    K[:, rows, rows] -= 0.5 * J.transpose(0, 2, 1) @ skew(F) @ J
+                else:
+                    J[:, :, :3], J[:, :, 3:6] = np.eye(3), -skew(loads.s[:, at])
+                    J[:, :, 6:] = self._modes(at)[:3]
+                if load["axes"] >= 0 and turned >= 0:
+                    columns = self._bodies[turned][1]
+                    change = skew(F) @ back @ loads.A[:, turned] @ H
+                    K[:, rows, columns] += J.transpose(0, 2, 1) @ change
 
     def _rotation(self, marker: int) -> Array:
         """(3, 6 + m) rotation of a marker per velocity of its body, undeformed, body axes."""

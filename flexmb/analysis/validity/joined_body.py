@@ -34,7 +34,7 @@ from flexmb.analysis.validity.linear_elasticity import (
     largest_lengths,
     relative_motion,
 )
-from flexmb.analysis.validity.load_factor import slender_axis
+from flexmb.analysis.validity.load_factor import longest_axis
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody
@@ -205,7 +205,7 @@ class SlenderBar:
         turned = np.cross(alpha[:, None], arms) + np.cross(w[:, None], np.cross(w[:, None], arms))
         inertia, outer = ((far[:, None] + turned) @ self.axis) * self.mass[:, None]
         beyond = inertia.sum(axis=1, keepdims=True) - np.cumsum(inertia, axis=1) + outer
-        along = np.einsum("tki,tij,j->tk", loads.forces[:, on], A, self.axis)
+        along = np.einsum("tki,tij,j->tk", loads.wrenches[:, on, :3], A, self.axis)
         places = (loads.s[:, on] - self.body.center) @ self.axis
         return np.asarray(np.einsum("tks,tk->ts", places[:, :, None] > middle, along) - beyond)
 
@@ -214,7 +214,7 @@ def bars_without_stiffening(compiled: Compiled, model: Model) -> Iterator[Slende
     """The straight slender bodies without geometric stiffening."""
     numbers = compiled.system.parts.bodies["iv"]
     for columns, body in flexible_columns(compiled):
-        axis, length = slender_axis(body, _SLENDER)
+        axis, length = longest_axis(body, _SLENDER)
         if body.centrifugal_stiffness is not None or not length or body.nodes is None:
             continue
         if stretches(model.bodies[columns.name]):

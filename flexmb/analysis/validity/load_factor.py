@@ -43,7 +43,6 @@ from flexmb.results.output_block import OutputBlock
 #: Load factor above which a run has a note.
 NEAR_BUCKLING = 0.8
 _EULER = 0.1  # Euler load of a pinned bar over ω₁² m L: 1/π²
-_SLENDER = 0.05  # largest ratio of the second moments of mass across and along a slender bar
 # Rows are examined if a simple upper bound of the load exceeds this share of the warning level.
 _MIN_ESTIMATE = 0.3
 _MAX_ENTRIES = 2_000_000  # matrix entries of all rows that are examined together
@@ -56,7 +55,7 @@ _FAST = 0.3
 
 
 class LoadFactorMonitor:
-    """Computes the load factor of each slender body with geometric stiffening along a run.
+    """Computes the load factor of each body with geometric stiffening along a run.
 
     Parameters
     ----------
@@ -77,13 +76,12 @@ class LoadFactorMonitor:
             for columns, body in flexible_columns(compiled):
                 Cq = ConstraintRows(compiled).evaluate(q).Cq if Cq is None else Cq
                 frequencies, _ = joined_modes(body, columns, q, Cq)
-                _, length = slender_axis(body)
-                stiffened = body.centrifugal_stiffness is not None
-                if length == 0.0 or not len(frequencies) or not stiffened:
+                _, length = longest_axis(body)
+                if body.centrifugal_stiffness is None or not len(frequencies):
                     continue
                 lowest = _lowest_frequency(compiled, q) if lowest is None else lowest
                 euler = _EULER * min(frequencies[0], lowest) ** 2 * body.mass * length
-                self._bodies.append((columns, body, euler))
+                self._bodies.append((columns, body, euler, length))
                 periods.append(2.0 * np.pi / frequencies[0])
         self._periods = np.array(periods)
         self._reactions = [
@@ -100,7 +98,7 @@ class LoadFactorMonitor:
         ]
         self._largest = np.zeros((2, len(self._bodies)))
         self._mean = np.full((2, len(self._bodies)), np.nan)  # mean over a period, time of last row
-        self._stretches = [stretch(body, slender_axis(body)[0]) for _, body, _ in self._bodies]
+        self._stretches = [stretch(body, longest_axis(body)[0]) for _, body, *_ in self._bodies]
         self._last = np.full((len(self._bodies), 3), np.nan)  # as of `slow_shares`
 
     @cached_property
@@ -115,21 +113,21 @@ class LoadFactorMonitor:
 
     @cached_property
     def _turning(self) -> NDArray[np.void]:
-        """Rows of the forces whose components are in the axes of a marker."""
+        """Rows of the torques, and of the forces whose components are in the axes of a marker."""
         kind = self._compiled.system.kinds.get("loads")
         rows = np.zeros(0, LOAD) if kind is None else kind.rows
-        return np.asarray(rows[(rows["axes"] >= 0) & (rows["torque"] == 0)])
+        return np.asarray(rows[(rows["axes"] >= 0) | (rows["torque"] == 1)])
 
     def add(self, rows: OutputBlock) -> None:
         """Add the next rows."""
         if not self._bodies:
             return
         worth = np.zeros(len(rows.t), bool)
-        for k, (columns, body, euler) in enumerate(self._bodies):
+        for k, (columns, body, euler, length) in enumerate(self._bodies):
             force = np.abs(rows.lam).sum(axis=1)  # used if reactions are not stored
             if rows.reactions.size:
-                parts = rows.reactions.reshape(len(rows.t), -1, 12)[:, self._reactions[k], :3]
-                force = np.linalg.norm(parts, axis=2).sum(axis=1)
+                parts = rows.reactions.reshape(len(rows.t), -1, 4, 3)[:, self._reactions[k], :2]
+                force = (np.linalg.norm(parts, axis=3) @ [1.0, 1.0 / length]).sum(axis=1)
             far = np.linalg.norm(rows.vd[:, columns.iv : columns.iv + 3] - self._gravity, axis=1)
             load = force + body.mass * far
             worth |= (load > _MIN_ESTIMATE * NEAR_BUCKLING * euler) | self._loaded[k]
@@ -189,29 +187,29 @@ class LoadFactorMonitor:
         return values
 
     def loads(self, rows: OutputBlock, which: IntArray) -> Loads:
-        """The forces at all markers at the rows `which`."""
+        """The wrenches at all markers at the rows `which`."""
         state, work, solve = self._scratch
-        forces, arms, axes, turning = [], [], [], []
+        wrenches, arms, axes, frames, turning = [], [], [], [], []
         for row in which:
             state.t[0] = rows.t[row]
             for name in ("q", "v", "vd", "lam"):
                 getattr(state, name)[:] = getattr(rows, name)[row]
             solve(RESIDUAL)
-            forces.append(self._forces(work, state.lam))
+            wrenches.append(self._wrenches(work, state.lam))
             arms.append(work.now.marker["s"].copy())
             axes.append(work.now.body["A"].copy())
-            R, u = (
-                work.now.marker["R"][self._turning["axes"]],
-                work.con.fun[self._turning["fun"], 0],
-            )
+            frames.append(work.now.marker["R"].copy())
+            u, own = work.con.fun[self._turning["fun"], 0], self._turning["axes"][:, None, None]
+            R = np.where(own >= 0, frames[-1][self._turning["axes"]], np.eye(3))
             turning.append(np.einsum("kij,kj->ki", R, self._turning["factor"] * u))
-        q, v, vd = (getattr(rows, name)[which] for name in ("q", "v", "vd"))
-        return Loads(q, v, vd, *(np.array(one) for one in (forces, arms, axes, turning)))
+        q, v, vd, lam = (getattr(rows, name)[which] for name in ("q", "v", "vd", "lam"))
+        W, s, A, R, F = (np.array(one) for one in (wrenches, arms, axes, frames, turning))
+        return Loads(q, v, vd, W, s, A, R, lam, F)
 
-    def _forces(self, work: Work, lam: Array) -> Array:
-        """(markers, 3) forces, including those of point joints, which the engine does not store."""
+    def _wrenches(self, work: Work, lam: Array) -> Array:
+        """(markers, 6) wrenches, with those of point joints, which the engine does not store."""
         system = self._compiled.system
-        W = work.now.marker["W"][:, :3].copy()
+        W = work.now.marker["W"].copy()
         W[system.parts.markers["point"] == 1] = 0.0
         joints = system.kinds.get("point_joints")
         for group in () if joints is None else system.groups[joints.groups]:
@@ -233,7 +231,7 @@ def _lowest_frequency(compiled: Compiled, q: Array) -> float:
     return float(omega[0]) if len(omega) else 0.0  # none if all modes follow their loads
 
 
-def slender_axis(body: FlexBody, ratio: float = _SLENDER) -> tuple[Array, float]:
+def longest_axis(body: FlexBody, ratio: float = np.inf) -> tuple[Array, float]:
     """Axis and length of a body; length 0 if second moments across and along it exceed a ratio."""
     S = body.S0 - np.outer(body.S1, body.S1) / body.mass
     values, axes = np.linalg.eigh(S)

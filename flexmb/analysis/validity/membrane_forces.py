@@ -5,7 +5,7 @@ then grows less than its load, or more. A row has the deformation η of linear e
 deformation η' under the same load has η' + C g(η') = η, with the compliance C of the modes in the
 mechanism and the forces g of membrane stiffness. The difference is told over the deflection, and at
 the position sensors over their range. A body with geometric stiffening has the membrane forces of
-its loads, and of interfaces that joints hold; what is left are those within a single interface.
+its loads and interfaces; what is left are those within a single interface.
 Bodies that bend as bars between two joints are left to `omitted_stiffening`.
 
 With `membrane_forces = "full"` a run has those of a few shapes. A plate that stretches bends in
@@ -71,8 +71,7 @@ class _Plate:
     @cached_property
     def beside(self) -> MembraneStiffness:
         """What of it geometric stiffening has not."""
-        turns = np.vstack([end.Phi_r for end in self.body.interfaces])
-        return self.whole.beside_geometric_stiffness(self.body.K, turns)[0]
+        return self.whole.beside_geometric_stiffness(self.body.K)
 
     @cached_property
     def beside_shapes(self) -> Array:

@@ -46,7 +46,7 @@ from flexmb.analysis.validity.load_factor import (
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import Interface
-from flexmb.flexbody.arrays import Array
+from flexmb.flexbody.arrays import Array, skew
 from flexmb.flexbody.parts import NodeModes
 from flexmb.flexbody.static_response import LEAST_MOTION
 from flexmb.model.lookup import place_marker
@@ -364,7 +364,10 @@ def _bend_beside_interfaces(
     steps = np.tile(np.diff(x[way], axis=0), (3, 1))
     both = np.einsum("jam,jcn,jc->amn", Phi_r, Phi_r, steps)
     both = 0.5 * (both + both.swapaxes(1, 2)) - np.einsum("ja,jcm,jcn->amn", steps, Phi_r, Phi_r)
-    return np.asarray(interfaces[which].bend - both)
+    bend, arm = interfaces[which].bend, x[end] - x[starts[which]]
+    assert bend is not None
+    turned = -np.einsum("ab,bmn->amn", skew(arm), bend[3:])
+    return np.asarray(bend[:3] + turned - both)
 
 
 def _root(C: Array) -> Array:

@@ -6,8 +6,8 @@ multiple of eight after the number of modes m, filled with zeros: M (M + 8) / 2 
 loops along rows have whole processor vectors. Short single rows would cost twice as much, since the
 start of each loop costs as much as ten numbers.
 
-The three forms of a marker are stored whole (`tables.rows_of_bend`). Row j holds the rows j of all
-three, so a product adds multiples of long rows and needs no sum along a row. With 20 modes this
+The forms of a marker are stored whole (`rows_of_bend`). Row j holds the rows j of all of
+them, so a product adds multiples of long rows and needs no sum along a row. With 20 modes this
 takes half of the time; with 50 modes as much or a fifth more, since the rows leave the first cache.
 """
 
@@ -16,6 +16,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from flexmb.engine.algebra.vector import copy, modal_vector, times, triple, zero
 from flexmb.engine.jit import kernel, separate
 from flexmb.engine.tables import half_of_forms, whole_vectors
 
@@ -29,6 +30,40 @@ def grouped_rows(forms: ArrayLike) -> NDArray[np.float64]:
     forms[:, diagonal, diagonal] *= 0.5
     forms = np.pad(forms, ((0, 0), *[(0, -len(diagonal) % 8)] * 2))
     return forms[:, half_of_forms(len(diagonal))]
+
+
+def bend_with_axis(bend: NDArray[np.float64], turn: float) -> tuple[NDArray[np.float64], ...]:
+    """The forms that matter of those of a marker (6, m, m), and an axis (3,).
+
+    They are six; or three if second-order rotations are round-off of squares of `turn`, those of
+    its modes; or four if all these are about one axis.
+    """
+    axes, sizes, _ = np.linalg.svd(bend[3:].reshape(3, -1), full_matrices=False)
+    if sizes[0] <= _ROUND_OFF * turn**2:
+        return bend[:3], np.zeros(3)
+    if sizes[1] <= _ROUND_OFF * sizes[0]:
+        return np.concatenate([bend[:3], np.tensordot(axes[:, :1].T, bend[3:], 1)]), axes[:, 0]
+    return bend, np.zeros(3)
+
+
+def rows_of_bend(forms: ArrayLike) -> NDArray[np.float64]:
+    """The rows that the pool stores of n symmetric forms K (n, m, m) of a marker.
+
+    Row j is K[:, j], n m numbers padded to whole processor vectors, so that a product with the
+    modal coordinates reads all forms row by row.
+    """
+    rows = np.swapaxes(forms, 0, 1).reshape(np.shape(forms)[1], -1)
+    return np.pad(rows, ((0, 0), (0, whole_vectors(rows.shape[1]) - rows.shape[1])))
+
+
+def bend_of(marker: np.void, m: int, pool: NDArray[np.float64]) -> NDArray[np.float64]:
+    """K (m, 3 or 6, m) of a marker, from its rows in the pool (`rows_of_bend`)."""
+    n, at = marker["forms"] * m, marker["bend"]
+    rows = pool[at : at + m * whole_vectors(n)].reshape(m, -1)
+    K = rows[:, :n].reshape(m, -1, m)
+    if marker["forms"] != 4:
+        return K
+    return np.concatenate([K[:, :3], marker["turn"][:, None] * K[:, 3:]], axis=1)
 
 
 @kernel
@@ -86,7 +121,7 @@ def add_symmetric_and_skew(T, size, n, x, y, out):
 
 @separate
 def subtract_products(T, at, n, m, x, o, out):
-    """out[:n] −= Σ_j x[o+j] T[at + j n : at + (j+1) n], j < m: −K_d x of three symmetric forms."""
+    """out[:n] −= Σ_j x[o+j] T[at + j n : at + (j+1) n], j < m: −K_d x of symmetric forms."""
     a, n, four = np.uintp(at), np.uintp(n), m // 4 * 4
     for j in range(0, four, 4):
         p, q, r, s = x[o + j], x[o + j + 1], x[o + j + 2], x[o + j + 3]
@@ -100,9 +135,41 @@ def subtract_products(T, at, n, m, x, o, out):
         a += n
 
 
+@kernel
+def put_bent_modes(mk, pool, q, o, m, phi):
+    """phi[:6m] = Φ − ηᵀ K_d of a marker at η = q[o:o+m]; the rest of phi is scratch."""
+    at, one_axis, axis = mk["modes"] + 3 * m, mk["forms"] == 4, mk["turn"]
+    copy(pool[mk["modes"] : mk["modes"] + 6 * m], phi)
+    if one_axis:
+        zero(phi[3 * m : 4 * m])
+    subtract_products(pool, mk["bend"], whole_vectors(mk["forms"] * m), m, q, o, phi)
+    if one_axis:
+        for j in range(m):
+            turned = phi[3 * m + j]
+            for a in range(3):
+                phi[(3 + a) * m + j] = pool[at + a * m + j] + axis[a] * turned
+
+
+@kernel
+def bending_acceleration(mk, pool, v, o, m, phi):
+    """−η̇ᵀ K_d η̇ of a marker, η̇ = v[o:o+m]; uses the scratch behind phi."""
+    first, n = whole_vectors(6 * m), whole_vectors(mk["forms"] * m)
+    zero(phi[first : first + n])
+    subtract_products(pool, mk["bend"], n, m, v, o, phi[first:])
+    point, turning = modal_vector(phi, first, m, v, o), (0.0, 0.0, 0.0)
+    if mk["forms"] == 6:
+        turning = modal_vector(phi, first + 3 * m, m, v, o)
+    elif mk["forms"] == 4:
+        turned = 0.0
+        for j in range(m):
+            turned += phi[first + 3 * m + j] * v[o + j]
+        turning = times(turned, triple(mk["turn"]))
+    return point, turning
+
+
 @separate
 def add_symmetric_rows(T, at, n, m, f, B, o):
-    """B[o:o+m, o:o+m] += Σ_d f_d K_d of three symmetric forms, rows as in `subtract_products`."""
+    """B[o:o+m, o:o+m] += Σ_d f_d K_d of three of the forms of `subtract_products`."""
     a, n, m, o = np.uintp(at), np.uintp(n), np.uintp(m), np.uintp(o)
     for j in range(m):
         row, b, c = B[o + j], a + m, a + m + m

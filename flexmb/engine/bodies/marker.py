@@ -6,7 +6,8 @@ is ω' + Tᵀ Φ_r η̇ and a wrench (f, τ) acts on (r, orientation, η) as
 (f, s × f' + τ', Φ_tᵀ f' + Φ_rᵀ T (τ' + E ŝ × f')), primes in body axes.
 
 If the geometric stiffness of the body is known, s is reduced by ½ ηᵀ K_d η along the axis d, and
-Φ_t by ηᵀ K_d, with K_d that of a unit force at the marker. The same numbers give foreshortening and
+Φ_t by ηᵀ K_d, with K_d that of a unit force at the marker; θ and Φ_r likewise by those of unit
+moments, where these matter. The same numbers give foreshortening and
 stiffening, so that energy is conserved (Wallrapp & Schwertassek, IJNME 32 (1991) 1833).
 
 Point markers are those of which only the position is needed: all their rows are point constraints.
@@ -25,11 +26,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.engine.algebra.forms import subtract_products
+from flexmb.engine.algebra.forms import (
+    bend_with_axis,
+    bending_acceleration,
+    put_bent_modes,
+    rows_of_bend,
+)
 from flexmb.engine.algebra.vector import (
     axis_vector,
     column,
-    copy,
     cross,
     inner,
     modal_vector,
@@ -43,14 +48,13 @@ from flexmb.engine.algebra.vector import (
     turned,
     turned_back,
     turned_by,
-    zero,
 )
 from flexmb.engine.bodies.wrench import apply_wrench
 from flexmb.engine.jit import Integers, kernel, unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import Point, Run
-from flexmb.engine.tables import MARKER, Pool, rows_of_bend, whole_vectors
+from flexmb.engine.tables import MARKER, Pool
 
 if TYPE_CHECKING:
     from flexmb.model.markers import PlacedMarker
@@ -88,15 +92,17 @@ def place_flexible(run: Run, markers: Markers, at: Point) -> int:
         body, A, at_t, c = bodies[mk["body"]], now.body[mk["body"]]["A"], mk["modes"], mn["c"]
         m, iq = body["m"], body["iq"]
         th = modal_vector(parts.pool, at_t + 3 * m, m, q, iq + 7)
+        moved = modal_vector(parts.pool, at_t, m, q, iq + 7)
+        if mk["bend"] >= 0:
+            phi = now.Phi[rows[n]]
+            put_bent_modes(mk, parts.pool, q, iq + 7, m, phi)
+            moved = times(0.5, plus(moved, 1.0, modal_vector(phi, 0, m, q, iq + 7)))
+            if mk["forms"] > 3:
+                th = times(0.5, plus(th, 1.0, modal_vector(phi, 3 * m, m, q, iq + 7)))
         square = inner(th, th)
         c[0], c[1], c[2], c[3] = tangent_coefficients(square)
         sine = 1.0 - c[1] * square  # sin θ/θ
         arm = turned_by(th, sine, c[0], triple(mk["arm"]))
-        moved = modal_vector(parts.pool, at_t, m, q, iq + 7)
-        if mk["bend"] >= 0:
-            phi = now.Phi[rows[n]]
-            _bend(mk, parts.pool, q, iq + 7, m, phi)
-            moved = times(0.5, plus(moved, 1.0, modal_vector(phi, 0, m, q, iq + 7)))
         s = plus(plus(triple(mk["rho"]), 1.0, moved), 1.0, arm)
         put_part(mn["th"], 0, th)
         put_part(mn["arm"], 0, arm)
@@ -106,22 +112,6 @@ def place_flexible(run: Run, markers: Markers, at: Point) -> int:
             put_column(mn["T"], k, turned_by(th, -c[0], c[1], axis_vector(k)))
             put_column(mn["R"], k, turned(A, turned_by(th, sine, c[0], column(mk["R"], k))))
     return SUCCESS
-
-
-@kernel
-def _bend(mk, pool, q, o, m, phi):
-    """phi[:3m] = Φ_t − ηᵀ K_d of a marker at η = q[o:o+m]; the rest of phi is scratch."""
-    copy(pool[mk["modes"] : mk["modes"] + 3 * m], phi)
-    subtract_products(pool, mk["bend"], whole_vectors(3 * m), m, q, o, phi)
-
-
-@kernel
-def _bending_acceleration(mk, pool, v, o, m, phi):
-    """−η̇ᵀ K_d η̇ of a marker, η̇ = v[o:o+m]; uses the scratch behind phi."""
-    n = whole_vectors(3 * m)
-    zero(phi[n : 2 * n])
-    subtract_products(pool, mk["bend"], n, m, v, o, phi[n:])
-    return modal_vector(phi, n, m, v, o)
 
 
 @kernel
@@ -173,7 +163,7 @@ def move_flexible(run: Run, markers: Markers, at: Point) -> int:
         body, A = bodies[mk["body"]], now.body[mk["body"]]["A"]
         iv, om = body["iv"], part(v, body["iv"] + 3)
         phi = now.Phi[rows[n]] if mk["bend"] >= 0 else parts.pool
-        u, e = _relative_velocity(mk, mn, body, parts.pool, phi, v)
+        u, e = _relative_velocity(mk, mn, body, phi, v)
         x = plus(cross(om, triple(mn["s"])), 1.0, u)
         put_part(mn["vx"], 0, plus(part(v, iv), 1.0, turned(A, x)))
         put_part(mn["om"], 0, turned(A, plus(om, 1.0, e)))
@@ -181,11 +171,11 @@ def move_flexible(run: Run, markers: Markers, at: Point) -> int:
 
 
 @kernel
-def _relative_velocity(mk, mn, body, pool, phi, v):
+def _relative_velocity(mk, mn, body, phi, v):
     """Velocity and angular velocity Tᵀ θ̇ of a marker in its body, body axes."""
-    m, o, place = body["m"], body["iv"] + 6, mk["modes"]
-    e = turned_back(mn["T"], modal_vector(pool, place + 3 * m, m, v, o))
-    moved = modal_vector(phi, 0 if mk["bend"] >= 0 else place, m, v, o)
+    m, o, place = body["m"], body["iv"] + 6, 0 if mk["bend"] >= 0 else mk["modes"]
+    e = turned_back(mn["T"], modal_vector(phi, place + 3 * m, m, v, o))
+    moved = modal_vector(phi, place, m, v, o)
     return plus(moved, 1.0, cross(e, triple(mn["arm"]))), e
 
 
@@ -198,17 +188,20 @@ def bias_flexible(run: Run, markers: Markers, at: Point) -> int:
         mk, mn = table[rows[n]], now.marker[rows[n]]
         body, A, c = bodies[mk["body"]], now.body[mk["body"]]["A"], mn["c"]
         m, o, arm, th = body["m"], body["iv"] + 6, triple(mn["arm"]), triple(mn["th"])
-        om, rate = part(v, o - 3), modal_vector(parts.pool, mk["modes"] + 3 * m, m, v, o)
         phi = now.Phi[rows[n]] if mk["bend"] >= 0 else parts.pool
-        u, e = _relative_velocity(mk, mn, body, parts.pool, phi, v)
+        place = 0 if mk["bend"] >= 0 else mk["modes"]
+        om, rate = part(v, o - 3), modal_vector(phi, place + 3 * m, m, v, o)
+        u, e = _relative_velocity(mk, mn, body, phi, v)
         y, slope = cross(th, rate), 2.0 * inner(th, rate)
         change = plus(times(slope * c[2], y), c[1], cross(rate, y))
         change = plus(change, slope * c[3], cross(th, y))  # Ṫᵀ θ̇
+        point = (0.0, 0.0, 0.0)
+        if mk["bend"] >= 0:
+            point, turning = bending_acceleration(mk, parts.pool, v, o, m, phi)
+            change = plus(change, 1.0, turned_back(mn["T"], turning))
         # ω×(ω×s + 2u) + e×(e×arm) + Ṫᵀθ̇×arm
         x = cross(om, plus(cross(om, triple(mn["s"])), 2.0, u))
-        x = plus(plus(x, 1.0, cross(e, cross(e, arm))), 1.0, cross(change, arm))
-        if mk["bend"] >= 0:
-            x = plus(x, 1.0, _bending_acceleration(mk, parts.pool, v, o, m, phi))
+        x = plus(plus(x, 1.0, cross(e, cross(e, arm))), 1.0, plus(cross(change, arm), 1.0, point))
         put_part(mn["bx"], 0, turned(A, x))
         put_part(mn["bom"], 0, turned(A, plus(change, 1.0, cross(om, e))))
     return SUCCESS
@@ -370,7 +363,7 @@ class MarkerTable:
     def add(self, marker: PlacedMarker, point: bool = False) -> int:
         """Index of the marker; `point`: the caller needs only its position."""
         row = self._row(marker)
-        body, modes, bend, rho, arm, R = row
+        body, modes, bend, _, _, rho, arm, R = row
         key = body, modes, bend, rho.tobytes(), arm.tobytes(), R.tobytes()
         if key not in self.numbers_of:
             self.numbers_of[key] = len(self.rows)
@@ -406,7 +399,8 @@ class MarkerTable:
             rho, arm = marker.position, np.zeros(3)
         if body >= 0 and len(self.references):
             rho = rho - self.references[body]
-        return body, modes, self._bend(marker) if modes >= 0 else -1, rho, arm, marker.R
+        bend = self._bend(marker) if modes >= 0 else (-1, 0, np.zeros(3))
+        return body, modes, *bend, rho, arm, marker.R
 
     def body(self, marker: int) -> int:
         """Body of a marker, -1 for ground."""
@@ -414,7 +408,7 @@ class MarkerTable:
 
     def on_ground(self) -> NDArray[np.float64]:
         """Positions (n, 3) of the markers on ground so far."""
-        return np.array([row[3] for row in self.rows if row[0] < 0]).reshape(-1, 3)
+        return np.array([row[5] for row in self.rows if row[0] < 0]).reshape(-1, 3)
 
     def _modes(self, marker: PlacedMarker) -> int:
         if marker.Phi_t is None or marker.Phi_r is None or marker.Phi_t.shape[1] == 0:
@@ -425,13 +419,15 @@ class MarkerTable:
             self.modes[key] = self.pool.add(both)
         return self.modes[key]
 
-    def _bend(self, marker: PlacedMarker) -> int:
-        if marker.bend is None:
-            return -1
-        key = b"bend " + marker.body.encode() + marker.bend.tobytes()
+    def _bend(self, marker: PlacedMarker) -> tuple[int, int, NDArray[np.float64]]:
+        """Pool offset of the forms of a marker, -1: none, how many they are, and their axis."""
+        if marker.bend is None or marker.Phi_r is None:
+            return -1, 0, np.zeros(3)
+        forms, axis = bend_with_axis(marker.bend, np.abs(marker.Phi_r).max())
+        key = b"bend " + marker.body.encode() + forms.tobytes()
         if key not in self.modes:
-            self.modes[key] = self.pool.add(rows_of_bend(marker.bend))
-        return self.modes[key]
+            self.modes[key] = self.pool.add(rows_of_bend(forms))
+        return self.modes[key], len(forms), axis
 
     def table(self) -> NDArray[np.void]:
         """MARKER rows."""
@@ -440,7 +436,8 @@ class MarkerTable:
             table["point"] = [
                 k not in self.framed and row[1] < 0 for k, row in enumerate(self.rows)
             ]
-            for k, name in enumerate(("body", "modes", "bend", "rho", "arm", "R")):
+            names = ("body", "modes", "bend", "forms", "turn", "rho", "arm", "R")
+            for k, name in enumerate(names):
                 table[name] = [row[k] for row in self.rows]
             table["rho"][table["body"] < 0] -= self.origin
         return table

@@ -71,12 +71,12 @@ def add_modal_forces(
     mk, mn = parts.markers[k], now.marker[k]
     m = parts.bodies[mk["body"]]["m"]
     at, pool = mk["modes"], parts.pool
+    if mk["bend"] >= 0:
+        at, pool = 0, now.Phi[k]
     turn = turned(mn["T"], plus((tx, ty, tz), 1.0, cross(triple(mn["arm"]), (fx, fy, fz))))
     for j in range(m):
         s = pool[at + 3 * m + j] * turn[0] + pool[at + 4 * m + j] * turn[1]
         out[o + j] += s + pool[at + 5 * m + j] * turn[2]
-    if mk["bend"] >= 0:
-        at, pool = 0, now.Phi[k]
     for j in range(m):
         out[o + j] += pool[at + j] * fx + pool[at + m + j] * fy + pool[at + 2 * m + j] * fz
     return SUCCESS
@@ -101,7 +101,7 @@ def marker_jacobian(parts: Parts, now: Now, k: int, Jm: Matrix) -> int:
     if mk["modes"] >= 0:
         phi = now.Phi[k] if mk["bend"] >= 0 else parts.pool
         for c in range(m):
-            point, turning = _modal_column(mk, mn, parts.pool, phi, m, c)
+            point, turning = _modal_column(mk, mn, phi, m, c)
             add_column(Jm, 0, 6 + c, 1.0, turned(A, point))
             add_column(Jm, 3, 6 + c, 1.0, turned(A, turning))
     return SUCCESS
@@ -126,13 +126,11 @@ def marker_acceleration(run, at, k, o):
 
 
 @kernel
-def _modal_column(mk, mn, pool, phi, m, c):
+def _modal_column(mk, mn, phi, m, c):
     """Translation Φ_t + (TᵀΦ_r) × ŝ and rotation TᵀΦ_r of a marker per η_c, body axes."""
-    at = mk["modes"] + c
-    turning = turned_back(mn["T"], mode_vector(pool, at + 3 * m, m))
-    if mk["bend"] >= 0:
-        at, pool = c, phi
-    return plus(mode_vector(pool, at, m), 1.0, cross(turning, triple(mn["arm"]))), turning
+    at = c if mk["bend"] >= 0 else mk["modes"] + c
+    turning = turned_back(mn["T"], mode_vector(phi, at + 3 * m, m))
+    return plus(mode_vector(phi, at, m), 1.0, cross(turning, triple(mn["arm"]))), turning
 
 
 @unit
@@ -186,26 +184,34 @@ def add_moment_arm(parts: Parts, now: Now, k: int, w: Vector, i: int, f: float, 
 
 @kernel
 def _add_modal_arm(mk, mn, pool, phi, m, force, moment, B):
-    """Rows and columns of the modes: Φ_t, the tangent T(θ) and the arm depend on η.
+    """Rows and columns of the modes: Φ, the tangent T(θ) and the arm depend on η.
 
-    With geometric stiffness, Φ_t is reduced by ηᵀ K_d: a force stiffens the modes by Σ f'_d K_d.
+    With geometric stiffness, Φ is reduced by ηᵀ K_d: a force stiffens the modes by Σ f'_d K_d, and
+    a moment by Σ (T m')_d K_d.
     """
-    o, arm = mk["modes"] + 3 * m, triple(mn["arm"])
+    o, arm = 3 * m + (0 if mk["bend"] >= 0 else mk["modes"]), triple(mn["arm"])
     whole = plus(moment, 1.0, cross(arm, force))
     for c in range(m):
-        point, turning = _modal_column(mk, mn, pool, phi, m, c)
+        point, turning = _modal_column(mk, mn, phi, m, c)
         # moment row: δs × f'; modal rows, δθ': f' and τ' rotate relative to the body
         change = cross(point, force)
         add_column(B, 3, 6 + c, 1.0, change)
         add_part(B[6 + c], 3, 1.0, plus(change, 1.0, cross(turning, moment)))
         # modal rows, δη: the arm rotates, and T(θ) changes
         change = turned(mn["T"], cross(cross(turning, arm), force))
-        slope = _tangent_slope(mn, mode_vector(pool, o + c, m), whole)
+        slope = _tangent_slope(mn, mode_vector(phi, o + c, m), whole)
         x, y, z = plus(change, 1.0, slope)
         for r in range(m):
-            B[6 + r, 6 + c] += pool[o + r] * x + pool[o + m + r] * y + pool[o + 2 * m + r] * z
+            B[6 + r, 6 + c] += phi[o + r] * x + phi[o + m + r] * y + phi[o + 2 * m + r] * z
     if mk["bend"] >= 0:
-        add_symmetric_rows(pool, mk["bend"], whole_vectors(3 * m), m, times(-1.0, force), B, 6)
+        at, n = mk["bend"], whole_vectors(mk["forms"] * m)
+        add_symmetric_rows(pool, at, n, m, times(-1.0, force), B, 6)
+        turn = times(-1.0, turned(mn["T"], whole))
+        if mk["forms"] == 6:
+            add_symmetric_rows(pool, at + 3 * m, n, m, turn, B, 6)
+        elif mk["forms"] == 4:
+            f = (0.0, 0.0, inner(triple(mk["turn"]), turn))
+            add_symmetric_rows(pool, at + m, n, m, f, B, 6)
 
 
 @kernel

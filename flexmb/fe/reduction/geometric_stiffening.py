@@ -1,7 +1,8 @@
 """Geometric stiffening: what stresses do to the stiffness of the modes.
 
 A body stores the reduced geometric stiffness of the six centrifugal loads per mass (e_a s_b + e_b
-s_a)/2, of a unit force along each axis at each interface and at given nodes, and of its own loads.
+s_a)/2, of a unit force along each axis and a unit moment about each at each interface and at given
+nodes, and of its own loads. Moments are conjugate to the rotation vector (semitangential).
 The stress is that of the free body under a load and the inertia forces of the rigid acceleration
 that it causes.
 Uniform and angular accelerations have no geometric stiffness of their own, since their inertia
@@ -19,6 +20,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from scipy.linalg import eigh
 
 from flexmb.errors import Problem, ReductionError
 from flexmb.fe.assembly.assemble import FEMatrices, geometric_forms
@@ -30,10 +32,13 @@ from flexmb.fe.reduction.missing_response import node_loads
 from flexmb.flexbody.arrays import FloatArray, skew
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.effects import bent_points
+from flexmb.flexbody.parts import Interface
 from flexmb.flexbody.static_response import SYMMETRIC_PAIRS
 from flexmb.progress import Progress, silent
 
 _ALL = tuple(range(6))  # all six motions of a body, and of an interface
+# Rotation of its point (rad) and root mean square of strain up to which moments count.
+_LARGEST_TURN, _LARGEST_STRAIN = 1.0, 0.05
 
 
 def with_geometric_stiffening(
@@ -68,18 +73,19 @@ def with_geometric_stiffening(
     fields = centrifugal_fields(fe)
     loads = [f for f, _ in fields]
     forces = fixed.loads()
-    loads += [forces[:, 6 * k + d] for k in range(len(interfaces)) for d in range(3)]
-    units = slice(len(fields), len(loads))  # the unit forces at interfaces
-    at_nodes = {node: node_loads(fe, node, ())[:, :3] for node in nodes}
+    loads += list(forces.T)
+    units = slice(len(fields), len(loads))  # unit forces and moments at interfaces
+    counts = {node: 6 if fe.numbering.table[node, 3] >= 0 else 3 for node in nodes}
+    at_nodes = {node: node_loads(fe, node, ())[:, :count] for node, count in counts.items()}
     loads += [pattern.f for pattern in patterns]
-    loads += [F[:, d] for F in at_nodes.values() for d in range(3)]
+    loads += [one for F in at_nodes.values() for one in F.T]
     F = np.column_stack(loads)
     relieved = relief.loads(F)
     U = fixed.free(relieved)
     per_mass = [-_acceleration(fe, one) for one in relief.acceleration(F).T]
     per_mass[: len(fields)] = [a + g for a, (_, g) in zip(per_mass, fields, strict=False)]
     forms = geometric_forms(fe, Phi, U, per_mass, partial(progress, "stiffening"))
-    # forces on interface nodes; a unit force reaches the nodes only through the interface
+    # forces on interface nodes, which a unit load reaches only through the interface
     links = np.asarray(fe.K @ U) - relieved
     links[:, units] += F[:, units]
     for k, link in enumerate(links.T):
@@ -89,17 +95,22 @@ def with_geometric_stiffening(
     centrifugal = np.zeros((3, 3, body.m, body.m))
     for (a, b), form in zip(SYMMETRIC_PAIRS, forms, strict=False):
         centrifugal[a, b] = centrifugal[b, a] = form
-    bends = forms[units].reshape(len(interfaces), 3, body.m, body.m)
+    relevant = partial(_relevant_forms, body.K, _stretching_energy(fe))
+    bends = forms[units].reshape(len(interfaces), 6, body.m, body.m)
     own = slice(units.stop, units.stop + len(patterns))
     table = body.nodes
     if table is not None and at_nodes:
-        bend = forms[own.stop :].reshape(len(at_nodes), 3, body.m, body.m)
+        bend = np.zeros((len(at_nodes), 6, body.m, body.m))
+        every = [(k, d) for k, count in enumerate(counts.values()) for d in range(count)]
+        bend[tuple(np.transpose(every))] = forms[own.stop :]
         table = replace(table, bend_nodes=np.array(list(at_nodes)), bend=bend)
+        table = replace(table, bend=np.array([relevant(one) for one in table.points_with_bend()]))
     return replace(
         body,
         centrifugal_stiffness=centrifugal,
         interfaces=tuple(
-            replace(part, bend=bend) for part, bend in zip(body.interfaces, bends, strict=True)
+            replace(part, bend=relevant(replace(part, bend=bend)))
+            for part, bend in zip(body.interfaces, bends, strict=True)
         ),
         loads=tuple(
             replace(load, points=bent_points(load.points, form))
@@ -107,6 +118,32 @@ def with_geometric_stiffening(
         ),
         nodes=table,
     )
+
+
+def _relevant_forms(K: FloatArray, energy: float, point: Interface) -> FloatArray:
+    """(6, m, m) forms of a point: zero of moments that would take the stiffness of a shape only as
+    the point has turned too far for linear theory, or as no material is elastic.
+
+    Moments are those about the principal axes of the flexibility of the point. `energy` is twice
+    that of a unit strain all over the body.
+    """
+    assert point.bend is not None
+    flexibilities, axes = np.linalg.eigh(point.Phi_r @ np.linalg.solve(K, point.Phi_r.T))
+    forms = np.tensordot(axes.T, point.bend[3:], 1)
+    for form, flexibility in zip(forms, flexibilities.clip(0.0), strict=True):
+        stiffness = np.abs(eigh(form, K, eigvals_only=True)).max(initial=0.0)
+        strain = np.sqrt(flexibility / energy)
+        if stiffness < max(flexibility / _LARGEST_TURN, strain / _LARGEST_STRAIN):
+            form[:] = 0.0
+    return np.concatenate([point.bend[:3], np.tensordot(axes, forms, 1)])
+
+
+def _stretching_energy(fe: FEMatrices) -> float:
+    """Twice the strain energy of a body that grows by a unit strain in all directions."""
+    table, u = fe.numbering.table[:, :3], np.zeros(fe.numbering.n_all)
+    u[table[table >= 0]] = (fe.mesh.points - fe.center)[table >= 0]
+    u = u[: fe.numbering.n]
+    return float(u @ (fe.K @ u))
 
 
 def require_stresses(

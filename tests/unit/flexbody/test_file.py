@@ -46,7 +46,7 @@ def loaded():
     damping = {"preset": "adams", "modes": {1: 0.02}}
     body = beam(geometric_stiffening="full", damping=damping, residual="inertia", load_points=[1])
     rng = np.random.default_rng(0)
-    motion, bend = rng.normal(size=(2, 3, body.m)), np.zeros((3, body.m, body.m))
+    motion, bend = rng.normal(size=(2, 3, body.m)), np.zeros((6, body.m, body.m))
     point = LoadPoint("force +x", (1, 2, 3), *motion, bend, np.arange(6.0))
     points = (point, replace(point, name="moment -y"))
     push = LoadVector("push", (1, 0, 0), (0, 0, 2), np.arange(float(body.m)), points, 0.25)
@@ -158,6 +158,10 @@ def put(path, value):
         (put("inertia/S1", [0.0, np.nan, 0.0]), "inertia/S1 has entries that are not finite"),
         (put("inertia/S1", [0.0, 0.0]), r"inertia/S1 has shape \(2,\), not \(3,\)"),
         (put("stiffness/D", np.zeros((3, 3))), "stiffness/D has shape"),
+        (
+            lambda f: f.create_dataset("interfaces/bend", data=np.zeros((2, 3, 10, 10))),
+            "interfaces/bend has .*: make the file again",
+        ),
         (put("stiffness/K", -np.eye(10)), "K: has a negative eigenvalue"),
         (put("interfaces/name", [1, 2]), "is damaged"),
         (lambda f: f.attrs.update(mass=-1.0), "mass: must be positive"),
