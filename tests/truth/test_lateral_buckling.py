@@ -69,7 +69,9 @@ def cantilever(force, bodies=1, modes=12, direction=(1, 0, 0), place=(0, 0, 0), 
     model.add_marker("ground.clamp", position=list(place))
     for i in range(bodies):
         at = np.add(place, np.multiply(direction, i * LENGTH / bodies))
-        model.add_body(f"b{i}", body, position=list(at), geometric_stiffening="full", **words)
+        model.add_body(
+            f"b{i}", body, position=list(at), **{"geometric_stiffening": "full", **words}
+        )
         before = f"b{i - 1}.tip" if i else "ground.clamp"
         model.add_joint(f"weld{i}", "fixed", between=[before, f"b{i}.root"])
     if force:
@@ -114,18 +116,55 @@ def test_it_is_refused_above_that_force_and_warned_of_before():
     assert "of those that buckle it" in found.message
 
 
-def test_a_beam_between_forks_buckles_under_equal_moments(told):
+def between_forks(share, **words):
+    """A beam between forks under equal moments."""
     model = Model("strip", gravity=[0, 0, 0])
-    model.add_body("b", strip())
+    model.add_body("b", strip(), **words)
     model.add_marker("ground.end", position=[LENGTH, 0, 0])
     hinge = {"axis": "y", "second_axis": "z"}
     model.add_joint("first", "universal", between=["ground", "b.root"], **hinge)
     model.add_joint("second", "perpendicular", between=["ground.end", "b.tip"], **hinge)
     model.add_joint("line", "in-line", between=["ground.end", "b.tip"], axis="x")
     for name, sign in (("root", 1), ("tip", -1)):
-        value = [0, sign * 0.5 * np.pi * MOMENT, 0]
+        value = [0, sign * share * np.pi * MOMENT, 0]
         model.add_force(name, "torque", at=f"b.{name}", value=value)
-    assert told(model) == pytest.approx([0.5], rel=0.01)
+    return model
+
+
+def test_a_beam_between_forks_buckles_under_equal_moments(told):
+    assert told(between_forks(0.5)) == pytest.approx([0.5], rel=0.01)
+
+
+@pytest.mark.parametrize("machine", [cantilever, between_forks])
+def test_a_beam_without_stiffening_is_told_how_near_it_is_to_tipping_over(machine):
+    """At 0.5 and 0.9 of that load; below 0.32 a stiffness changes by less than a tenth."""
+    share = 1.0 if machine is between_forks else FORCE
+    for load in (0.5, 0.9):
+        found = flexmb.statics(machine(load * share, geometric_stiffening="none"))
+        (note,) = (one for one in found.notes if "buckles sideways" in one)
+        told = float(note.split("it is bent by about ")[1].split()[0])
+        assert told == pytest.approx(load, abs=0.015)
+    found = flexmb.statics(machine(0.3 * share, geometric_stiffening="none"))
+    assert "buckles" not in " ".join(found.notes)
+    model = machine(1.1 * share, geometric_stiffening="none")
+    found = judged(model, start="quasi-static", verify=False, duration=0.5)
+    assert "of the load by which it buckles sideways, yet" in found.message
+
+
+def test_what_a_sideways_push_moves_too_little_without_stiffening_is_told():
+    """Its tip is pushed aside by 2 N as it carries 0.31 of Prandtl's force."""
+    ends, notes = [], ""
+    for words in ({"geometric_stiffening": "none"}, {}):
+        model = cantilever(0.0, **words)
+        model.add_force("load", "force", at="b0.tip", value=[0, "2*t", f"{0.31 * FORCE}*t"])
+        model.add_sensor("tip", "position", of="b0.tip")
+        found = flexmb.statics(model, duration=1.0, outputs=10)
+        ends.append(np.array([found[f"tip.{axis}"] for axis in "xyz"]))
+        notes += " ".join(found.notes)
+    change = np.linalg.norm(ends[1][:, -1] - ends[0][:, -1]) / np.ptp(ends[0], axis=1).max()
+    told = float(notes.split("a sensor by ")[1].split(" %")[0]) / 100
+    assert change > 0.03
+    assert told == pytest.approx(change, rel=0.05)
 
 
 @pytest.mark.parametrize("where", [{"interface": "tip"}, {"node": 20}])

@@ -1,7 +1,11 @@
 """Flexible bodies as the mechanism holds them: compliance, motion of sensors, bars with a bow.
 
 A bar under an axial force N(x) has the geometric stiffness Kg = ∫ N w'ᵢ w'ⱼ dx, with w' the slopes
-of its modes in the body frame (Timoshenko & Gere, Theory of Elastic Stability, §1.11). N has two
+of its modes in the body frame (Timoshenko & Gere, Theory of Elastic Stability, §1.11). A shear
+force V and a moment M add the second variation of −½∫ (V·θ) φ + M·(θ × θ') dx, with θ the rotation
+of the sections and φ its part about the axis: the curvature θ' − θ × θ'/2 of a section in its own
+axes (Simo & Vu-Quoc, Comput. Methods Appl. Mech. Eng. 58 (1986) 79). By these a deep beam buckles
+sideways and twists. N has two
 parts: the forces at markers with the inertia of the bar, which are in equilibrium along its axis,
 and the tension of a bow. With a bow the joined ends of a bar b approach each other by
 δ = ∫ w'²/2 dx. Where joints or other bars prevent it, tensions T = P δ stay,
@@ -19,7 +23,7 @@ bodies in equilibrium; with stiffening it is η' = (1 + C K)⁻¹ C F, K = Kj wi
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -76,11 +80,23 @@ class ModalCompliance:
         names = [columns.name for columns, _ in every]
         self._parts = {name: slice(ends[k], ends[k + 1]) for k, name in enumerate(names)}
 
+    def turns(self, q: Array, columns: BodyColumns) -> Array:
+        """(3, m) rotation of the frame of a body, in body axes, with which joints hold its modes;
+        what they leave free stays as it is."""
+        A, rows = self._at(q)
+        back = rows.U[:, : rows.rank].T @ A[:, self._places[self._parts[columns.name]]]
+        moved = rows.V[:, : rows.rank] @ (back / rows.S[: rows.rank, None])
+        motion = np.zeros((len(self._scales), columns.m))
+        motion[self._rigid] = -self._scales[self._rigid, None] * moved
+        return motion[columns.iv + 3 : columns.iv + 6]
+
+    def _at(self, q: Array) -> tuple[Array, Decomposition]:
+        A = self._weights[:, None] * self._rows.evaluate(q).Cq
+        return A, Decomposition.of(A[:, self._rigid] * self._scales[self._rigid])
+
     def of(self, q: Array, names: Iterable[str]) -> Array:
         """(m, m) of all modes of these bodies in the pose q."""
-        Cq = self._rows.evaluate(q).Cq
-        A = self._weights[:, None] * Cq
-        rows = Decomposition.of(A[:, self._rigid] * self._scales[self._rigid])
+        A, rows = self._at(q)
         G = rows.U[:, rows.rank :].T @ A[:, self._places]
         between = G @ self._inverse @ G.T
         size = np.sqrt(between.diagonal().clip(1e-300))
@@ -172,42 +188,83 @@ class SlenderBar:
     mass: Array  # (2, s) of the divisions, and of these beyond their middles, kg
     slopes: Array  # (s, 2, m) in the body frame per unit eta
     joined: Array  # (s, 2, m) relative to the joints
+    turns: Array  # (2, s, 3, m) rotations in the body frame, and relative to the joints
+    twists: Array  # (s, 3, m) by which they change along a division
     bow: Array  # (m, m) of unit force between the joined ends; zero without two of these
     span: Array  # (m,) by which these ends move apart, m per unit eta
     points: Array  # (3 k, m) displacements relative to the joints, over the length
     is_mean_axis: bool  # its frame; in one at an interface moments lack N times the deflection
     sensors: tuple[tuple[Array, Array], ...]  # channels; (3 k, m) motion of their markers
 
-    def stiffness(self, N: Array) -> tuple[Array, Array]:
-        """(t, m, m) geometric stiffness of forces N (t, s), by the slopes relative to the joints,
-        and what the engine has of it."""
-        weights, joined, own = N * np.diff(self.ends), self.joined, self.slopes
-        Kj = np.tensordot(weights, joined.transpose(0, 2, 1) @ joined, 1)
-        return Kj, Kj - np.tensordot(weights, own.transpose(0, 2, 1) @ own, 1)
+    def stiffness(self, loads: Array) -> tuple[Array, Array]:
+        """(t, m, m) geometric stiffness of forces and moments (t, s, 6) in the divisions, by the
+        motion relative to the joints, and what the engine has of it."""
+        own, joined = (
+            self._along(loads, slopes) + self._across(loads, turns)
+            for slopes, turns in zip((self.slopes, self.joined), self.turns, strict=True)
+        )
+        return joined, joined - own
+
+    def _along(self, loads: Array, slopes: Array) -> Array:
+        """(t, m, m) of the axial forces, by slopes (s, 2, m)."""
+        weights = (loads[..., :3] @ self.axis) * np.diff(self.ends)
+        return np.asarray(np.tensordot(weights, slopes.transpose(0, 2, 1) @ slopes, 1))
+
+    def _across(self, loads: Array, turns: Array) -> Array:
+        """(t, m, m) of the shear forces and moments, by rotations (s, 3, m)."""
+        V, M = loads[..., :3] * np.diff(self.ends)[:, None], loads[..., 3:]
+        V = V - (V @ self.axis)[..., None] * self.axis
+        about = np.einsum("sai,a->si", turns, self.axis)
+        bent = np.cross(turns[..., :, None], self.twists[..., None, :], axis=1)
+        K = np.einsum("tsa,sai,sj->tij", V, turns, about, optimize=True)
+        K = -0.5 * (K + np.tensordot(M, bent, ((1, 2), (0, 1))))
+        return np.asarray(K + K.transpose(0, 2, 1))
+
+    def rolled(self, turn: Array) -> SlenderBar:
+        """The bar whose frame rolls about its axis as it turns (3, m) with the joints."""
+        own, joined = self.turns
+        roll = np.einsum("sai,a->si", own - joined, self.axis) + self.axis @ turn
+        return replace(self, turns=np.stack([own, joined + self.axis[:, None] * roll[:, None]]))
 
     def shortening(self, eta: Array) -> Array:
         """(t,) by which its bow brings its joined ends together, with deformations eta (t, m)."""
         return np.asarray(0.5 * np.einsum("ti,ij,tj->t", eta, self.bow, eta))
 
-    def load_factors(self, N: Array, root: Array) -> Array:
-        """(t,) of axial forces N (t, s), with root rootᵀ the compliance of the modes."""
-        bent = self.joined @ root
-        Kg = np.tensordot(N * np.diff(self.ends), bent.transpose(0, 2, 1) @ bent, 1)
-        return np.asarray(np.linalg.eigvalsh(-Kg)[:, -1].clip(0.0))
+    def load_factors(self, loads: Array, root: Array) -> Array:
+        """(2, t) of axial forces, and of all forces and moments (t, s, 6).
 
-    def axial_forces(self, loads: Loads, on: IntArray, gravity: Array) -> Array:
-        """(t, s) of the forces at its markers `on` and its inertia; positive if it is pulled."""
+        root rootᵀ is the compliance of the modes.
+        """
+        along = self._along(loads, self.joined)
+        every = np.stack([along, along + self._across(loads, self.turns[1])])
+        return np.asarray(np.linalg.eigvalsh(-root.T @ every @ root)[..., -1].clip(0.0))
+
+    def section_loads(self, loads: Loads, on: IntArray, gravity: Array) -> Array:
+        """(t, s, 6) force and moment on the near side of the middle of each division, body axes.
+
+        They are those at its markers `on` and of its inertia; along the axis positive if the bar is
+        pulled.
+        """
         iv = self.columns.iv + 3
         A, w, alpha = loads.A[:, self.number], loads.v[:, iv : iv + 3], loads.vd[:, iv : iv + 3]
         middle = 0.5 * (self.ends[:-1] + self.ends[1:])
         arms = self.body.center + middle[:, None] * self.axis
         far = np.einsum("ti,tij->tj", loads.vd[:, iv - 3 : iv] - gravity, A)
         turned = np.cross(alpha[:, None], arms) + np.cross(w[:, None], np.cross(w[:, None], arms))
-        inertia, outer = ((far[:, None] + turned) @ self.axis) * self.mass[:, None]
+        a = far[:, None] + turned
+        inertia, outer = (a * mass[:, None] for mass in self.mass)
         beyond = inertia.sum(axis=1, keepdims=True) - np.cumsum(inertia, axis=1) + outer
-        along = np.einsum("tki,tij,j->tk", loads.wrenches[:, on, :3], A, self.axis)
+        W = np.concatenate([loads.wrenches[:, on, :3] @ A, loads.wrenches[:, on, 3:] @ A], axis=2)
+        W[..., 3:] += np.cross(loads.s[:, on] - self.body.center, W[..., :3])
         places = (loads.s[:, on] - self.body.center) @ self.axis
-        return np.asarray(np.einsum("tks,tk->ts", places[:, :, None] > middle, along) - beyond)
+        sums = np.einsum("tks,tka->tsa", places[:, :, None] > middle, W)
+        # about the centre of mass; of the inertia as of forces at the middles
+        moved = np.cross(middle[:, None] * self.axis, inertia)
+        turning = moved.sum(axis=1, keepdims=True) - np.cumsum(moved, axis=1)
+        sums[..., 3:] -= turning + np.cross(middle[:, None] * self.axis, outer)
+        sums[..., :3] -= beyond
+        sums[..., 3:] -= np.cross(middle[:, None] * self.axis, sums[..., :3])
+        return np.asarray(sums)
 
 
 def bars_without_stiffening(compiled: Compiled, model: Model) -> Iterator[SlenderBar]:
@@ -230,6 +287,11 @@ def bars_without_stiffening(compiled: Compiled, model: Model) -> Iterator[Slende
         moved = _means(across @ body.nodes.Phi_t, along, ends)
         slopes = np.diff(moved, axis=0) / np.diff(ends)[:, None, None]
         joined_slopes = slopes - across @ np.cross(frame.turn.T, axis).T
+        turned = np.zeros((DIVISIONS + 1, 3, columns.m))
+        if body.nodes.Phi_r is not None:
+            turned = _means(body.nodes.Phi_r, along, ends)
+        turns = 0.5 * (turned[1:] + turned[:-1])
+        turns = np.stack([turns, turns - frame.turn * (turned != 0.0).any()])
         bow, span = np.zeros((columns.m,) * 2), np.zeros(columns.m)
         joined = [body.interface(place) for place in joined_interfaces(body, columns.name, model)]
         if len(joined) > 1:
@@ -245,7 +307,8 @@ def bars_without_stiffening(compiled: Compiled, model: Model) -> Iterator[Slende
         sensors = tuple(position_sensors(compiled, model, columns, body))
         yield SlenderBar(
             columns, body, number, axis, ends, masses_along(body, axis, ends), slopes,
-            joined_slopes, bow, span, points, frame_of is None, sensors,
+            joined_slopes, turns, np.diff(turned, axis=0), bow, span, points, frame_of is None,
+            sensors,
         )  # fmt: skip
 
 
@@ -297,15 +360,15 @@ def bow_stiffness(bars: Sequence[SlenderBar], compliance: Array) -> Array:
 
 
 def changes(
-    bars: Sequence[SlenderBar], N: Sequence[Array], eta: Sequence[Array], compliance: Array
+    bars: Sequence[SlenderBar], loads: Sequence[Array], eta: Sequence[Array], compliance: Array
 ) -> tuple[list[Array], Array]:
-    """Changes (m,) of the deformations of bars by their forces N (s,) and bows; tensions of these.
+    """Changes (m,) of the deformations of bars by their loads (s, 6) and bows; tensions of these.
 
     What other bars change is included where a bar's own stiffness has a part in its change.
     """
     ends = np.cumsum([0, *(len(one) for one in eta)])
     parts = [slice(*pair) for pair in pairwise(ends)]
-    pairs = [one.stiffness(force[None]) for one, force in zip(bars, N, strict=True)]
+    pairs = [one.stiffness(force[None]) for one, force in zip(bars, loads, strict=True)]
     K, own = (block_diag(*(pair[k][0] for pair in pairs)) for k in (0, 1))
     now, one, P = np.concatenate(eta), np.eye(ends[-1]), bow_stiffness(bars, compliance)
     bows = [np.zeros_like(K) for _ in bars]

@@ -102,7 +102,9 @@ class OmittedStiffeningMonitor:
             np.flatnonzero(compiled.system.parts.markers["body"] == one.number)
             for one in self._bars
         ]
-        self._mechanism = ModalCompliance(compiled) if n else None
+        self._mechanism = mechanism = ModalCompliance(compiled) if n else None
+        if mechanism is not None:
+            self._bars = [one.rolled(mechanism.turns(q, one.columns)) for one in self._bars]
         whole = self._compliance(q)
         ends = np.cumsum([0, *(one.columns.m for one in self._bars)])
         self._first = [whole[a:b, a:b] for a, b in pairwise(ends)]
@@ -111,12 +113,13 @@ class OmittedStiffeningMonitor:
         self._periods = np.array(
             [_period(*pair) for pair in zip(self._bars, self._first, strict=True)]
         )
-        self._forces = np.full((n, DIVISIONS), np.nan)  # mean over a period
+        self._forces = np.full((n, DIVISIONS * 6), np.nan)  # mean over a period
         self._last = np.full((n, 3), np.nan)  # as of `slow_shares`: time first
         self._deflection = np.zeros(n)  # largest so far, over the length
         self._about = np.zeros(n)  # first estimate of the row with the largest change
         self._change = np.zeros((n, most))  # of the modes, in the row where it is largest
-        self._load_factor = np.zeros((2, n))  # largest so far, and its time
+        # largest so far and its time, of axial forces, and of all
+        self._load_factors = np.zeros((2, 2, n))
         self._largest = np.zeros((4, n))  # deflection; time; forces; tension of a bow, N
         self._least, self._most = np.array(np.inf), np.array(-np.inf)  # range of all channels
         duration = model.dynamics.duration if model.dynamics and is_motion else 0.0
@@ -143,7 +146,7 @@ class OmittedStiffeningMonitor:
             for first, one in zip(firsts, self._bars, strict=True)
         ]
         now = (
-            one.axial_forces(loads, at, self._gravity)
+            one.section_loads(loads, at, self._gravity)
             for one, at in zip(self._bars, self._markers, strict=True)
         )
         forces = [self._means(k, rows, one) for k, one in enumerate(now)]
@@ -154,10 +157,12 @@ class OmittedStiffeningMonitor:
             deflection = largest_lengths(etas[k], one.points)
             self._deflection[k] = max(self._deflection[k], deflection.max())
             C = self._first[k]
-            factors = one.load_factors(forces[k], self._roots[k])
-            row = int(factors.argmax())
-            if factors[row] > self._load_factor[0, k]:
-                self._load_factor[:, k] = factors[row], rows.t[row]
+            for largest, factors in zip(
+                self._load_factors, one.load_factors(forces[k], self._roots[k]), strict=True
+            ):
+                row = int(factors.argmax())
+                if factors[row] > largest[0, k]:
+                    largest[:, k] = factors[row], rows.t[row]
             K, own = one.stiffness(forces[k])
             load = etas[k] + np.einsum("tij,tj->ti", own, etas[k]) @ C
             both = np.eye(len(C)) + C @ (K + tensions[k][:, None, None] * one.bow)
@@ -175,35 +180,40 @@ class OmittedStiffeningMonitor:
         return self._mechanism.of(q, names) if self._mechanism else np.zeros((0, 0))
 
     def _solve(
-        self, rows: OutputBlock, row: int, N: list[Array], etas: list[Array], about: Array
+        self, rows: OutputBlock, row: int, loads: list[Array], etas: list[Array], about: Array
     ) -> None:  # fmt: skip
         """Compute the changes of one row, in its pose, and keep those that are the largest."""
-        every = changes(self._bars, N, etas, self._compliance(rows.q[row]))
+        every = changes(self._bars, loads, etas, self._compliance(rows.q[row]))
         for k, (one, change, tension) in enumerate(zip(self._bars, *every, strict=True)):
             moved = float(largest_lengths(change[None], one.points)[0])
             if np.isfinite(moved) and moved > self._largest[0, k]:
                 lengths = np.diff(one.ends)
-                mean = float(N[k] @ lengths / lengths.sum())
+                mean = float(loads[k][:, :3] @ one.axis @ lengths / lengths.sum())
                 self._largest[:, k] = moved, rows.t[row], mean, tension
                 self._about[k] = min(about[k], moved)
                 self._change[k, : one.columns.m] = change
 
     def _means(self, k: int, rows: OutputBlock, forces: Array) -> Array:
-        """(t, s) means of the forces over a vibration period."""
+        """(t, s, 6) means of the forces and moments over a vibration period."""
         one, last = self._bars[k], self._last[k]
         slow, end = slow_shares(one.columns, stretch(one.body, one.axis), rows, last)
         passed = np.diff(np.append(last[0], rows.t))[:, None] / self._periods[k]
         since = passed if self._is_motion else None
-        self._forces[k], means = period_means(self._forces[k], since, forces, slow[:, None])
+        table = forces.reshape(len(forces), -1)
+        self._forces[k], means = period_means(self._forces[k], since, table, slow[:, None])
         self._last[k] = end
-        return means
+        return means.reshape(forces.shape)
 
     def indicators(self) -> Iterator[Indicator]:
         """The change of each body: at its sensors, or else over its deflection."""
         for k, one in enumerate(self._bars):
-            value, t = self._load_factor[:, k]
-            text = partial(self._buckled, one.columns.name, value, t)
-            yield Indicator(one.columns.name, "load_factor", value, t, LARGEST_LOAD_FACTOR, text)
+            (value, t), (every, then) = self._load_factors[:, :, k]
+            level, sideways = LARGEST_LOAD_FACTOR, value < every
+            # moments of both signs lessen a stiffness: by the square of their load factor
+            if sideways and (every**2 > value or every > 1.0):
+                value, t, level = every, then, LARGEST_LOAD_FACTOR**0.5
+            text = partial(self._buckled, one.columns.name, value, t, level)
+            yield Indicator(one.columns.name, "load_factor", value, t, level, text)
             moved, t, force, tension = self._largest[:, k]
             if moved <= LEAST_MOTION:
                 continue
@@ -246,11 +256,13 @@ class OmittedStiffeningMonitor:
             'geometric_stiffening = "full"'
         )
 
-    def _buckled(self, name: str, value: float, t: float) -> str:
+    def _buckled(self, name: str, value: float, t: float, level: float) -> str:
+        what = f"compressed by about {value:.2g} of the load that buckles it"
+        if level > LARGEST_LOAD_FACTOR:
+            what = f"bent by about {value:.2g} of the load by which it buckles sideways"
         return (
-            f"bodies.{name}: at t = {self._units.say(t, 's', 4)} it is compressed by about "
-            f"{value:.2g} of the load that buckles it, yet its forces do not soften it; reduce it "
-            'with geometric_stiffening = "full"'
+            f"bodies.{name}: at t = {self._units.say(t, 's', 4)} it is {what}, yet its forces do "
+            'not soften it; reduce it with geometric_stiffening = "full"'
         )
 
 
