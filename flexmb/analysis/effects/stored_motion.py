@@ -378,7 +378,11 @@ def carry_motion(
         moved = replace(motion, q=frames[0], v=frames[1], vd=frames[2])
         _move_moments(residual, motion.q, own.layout, layout)
     for body in layout.bodies:
-        _carry_body(moved, residual, mine[body.name], body, shapes, (q, v, vd, balance))
+        stiffness = [one.flexbodies[body.name].K for one in (own, other) if body.m]
+        tables = q, v, vd, balance
+        _carry_body(
+            moved, residual, mine[body.name], body, shapes.get(body.name), stiffness, tables
+        )
     if points[0] != points[1]:
         q, v, vd = layout.of_equations(q, v, vd)
     names = own.layout.coordinates
@@ -412,7 +416,7 @@ def _move_moments(forces: Array, q: Array, old: Layout, new: Layout) -> None:
 
 def _carry_body(
     motion: Motion, residual: Array, old: BodyColumns, new: BodyColumns,
-    shapes: Mapping[str, Array], into: tuple[Array, Array, Array, Array],
+    shape: Array | None, stiffness: Sequence[Array], into: tuple[Array, Array, Array, Array],
 ) -> None:  # fmt: skip
     q, v, vd, balance = into
     q[:, new.iq : new.iq + 7] = motion.q[:, old.iq : old.iq + 7]
@@ -420,11 +424,11 @@ def _carry_body(
     tables = ((motion.v, v), (motion.vd, vd), (residual, balance))
     for have, put in tables:
         put[:, new.iv : new.iv + 6] = have[:, old.iv : old.iv + 6]
-    shape = shapes.get(new.name)
     if shape is None and new.m == old.m:
         shape = np.eye(new.m)
-    if shape is not None:
-        back = np.linalg.pinv(shape)  # forces on the larger set of coordinates
+    if shape is not None and old.m:
+        # forces hold deformations that are off, and reactions with their static responses
+        back = np.linalg.solve(stiffness[0], shape.T @ stiffness[1])
         q[:, new.iq + 7 : new.iq + 7 + new.m] = (
             motion.q[:, old.iq + 7 : old.iq + 7 + old.m] @ shape.T
         )
