@@ -315,7 +315,7 @@ def _joined(spans: Array, apart: float) -> Array:
 # _MAX_CROSSINGS is the motion itself. An argument is linear in time if its second differences are
 # below _LINEAR_TOLERANCE times its range. _START is the fraction of the run just after its start.
 _SWITCH_VALUES: dict[str, tuple[float, ...]] = {
-    **dict.fromkeys(("abs", "sign", "max", "min"), (0.0,)),
+    **dict.fromkeys(("abs", "sign", "max", "min", "/"), (0.0,)),
     **dict.fromkeys(("cubicstep", "haversinestep"), (0.0, 1.0)),
 }
 _MAX_CROSSINGS, _LINEAR_TOLERANCE, _START = 20_000, 1e-12, 1e-12
@@ -329,8 +329,8 @@ _SAME_VALUE, _TURN_SHARE = 1e-9, 0.01
 def switch_times(ops: Ops, end: float) -> tuple[float, ...]:
     """Times in (0, end) [s] at which operations switch formulas, if their argument is not linear in
     time: zeros in ``abs(sin(t))``, equal arguments of max and min, ends of rises, corners; those of
-    inverse functions in ``asin(sin(t))`` and ``atan2(sin(t), cos(t))``, and poles of tan; 0 if the
-    argument of a sign is zero only at the start."""
+    inverse functions in ``asin(sin(t))`` and ``atan2(sin(t), cos(t))``, poles of tan and of
+    quotients; 0 if the argument of a sign is zero only at the start."""
     stack: list[Ops] = []
     times: list[float] = []
     for op, argument in ops:
