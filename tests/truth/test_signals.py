@@ -275,6 +275,8 @@ def test_angles_of_teeth_with_play_do_not_leap_by_a_turn(accuracy):
         ("asin(sin(7*t))", lambda a: np.arcsin(np.sin(a)), np.pi / 14 * np.arange(1, 27, 2)),
         ("atan2(sin(7*t), cos(7*t))", lambda a: np.arctan2(np.sin(a), np.cos(a)),
          np.pi / 7 * np.arange(1, 13, 2)),
+        ("atan(1/tan(7*t))", lambda a: np.arctan(1 / np.tan(a)), np.pi / 7 * np.arange(1, 14)),
+        ("atan(tan(7*t)**-1)", lambda a: np.arctan(1 / np.tan(a)), np.pi / 7 * np.arange(1, 14)),
     ],
 )  # fmt: skip
 def test_waves_by_inverse_functions(text, wave, kinks):

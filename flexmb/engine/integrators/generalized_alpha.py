@@ -40,6 +40,7 @@ from flexmb.engine.iteration_matrix import (
     SETTLED_NOISE,
     check_contraction,
     factorise,
+    has_dependent_rows,
 )
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.method import NO_CONVERGENCE, NOT_FINITE, SUCCESS, Method
@@ -63,9 +64,10 @@ _POSITION_SHARE, _VELOCITY_SHARE = 0.05, 0.3
 _SMOOTH_STEPS, _BOUND_GROWTH = 3, 1.5
 # Largest spectral radius at infinity without projection after each step.
 _MAX_UNPROJECTED_RADIUS = 0.95
-# Steps shorter than this share of the longest one, as before an event, are projected if drivers do
-# work: their multipliers have what Newton's method has left of the constraints, over h².
-_SHORT_STEP = 0.01
+# Steps shorter than these shares of the longest one, as near an event, are projected if drivers do
+# work or rows are redundant: their multipliers have what is left of the constraints, over h².
+# Later steps keep the self-stress of redundant rows.
+_SHORT_STEP, _SHORT_STEP_OF_REDUNDANT_ROWS = 0.01, 0.5
 _ROUND_OFF = 1e-12
 # Iterative refinements of a solve with a factor whose pivots were replaced.
 _REFINEMENTS = 3
@@ -215,8 +217,7 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
                     add_static_error_of_path(run, h, run.method.error_order)
                 return status
             # reactions that cause joint friction must not contain errors of position corrections
-            short = settings.step == 0.0 and h < _SHORT_STEP * memory["largest_step"]
-            clean = alpha.project == 1 or depends_on_solution(run) or short and _is_driven(run)
+            clean = alpha.project == 1 or depends_on_solution(run) or _is_short(run, h)
             if clean and st.lam.shape[0] > 0:
                 return _project(run, alpha, b, VELOCITIES)
             return SUCCESS
@@ -224,12 +225,15 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
 
 
 @kernel
-def _is_driven(run):
-    """Whether multipliers do work, those of drivers."""
-    rows, driven = run.system.rows, False
+def _is_short(run, h):
+    """Whether a step under error control is so short that round-off spoils its multipliers."""
+    rows, longest = run.system.rows, run.state.memory[0]["largest_step"]
+    if run.settings.step > 0.0 or h >= _SHORT_STEP_OF_REDUNDANT_ROWS * longest:
+        return False
+    short = has_dependent_rows(run.work.factor, 0.0)
     for k in range(rows.shape[0]):
-        driven = driven or rows[k]["fun"] >= 0
-    return driven
+        short = short or (rows[k]["fun"] >= 0 and h < _SHORT_STEP * longest)
+    return short
 
 
 @kernel

@@ -323,14 +323,16 @@ _MAX_CROSSINGS, _LINEAR_TOLERANCE, _START = 20_000, 1e-12, 1e-12
 # how close to them counts; difference of times, over that of samples, that shows a turn.
 _TURNS = {"asin": (-1.0, 1.0), "acos": (-1.0, 1.0), "sqrt": (0.0,)}
 _SAME_VALUE, _TURN_SHARE = 1e-9, 0.01
+# Times behind a pole, over the run, and the ratio of values at them from which on it is one.
+_BESIDE_POLE, _POLE_GROWTH = (1e-7, 1e-6), 3.0
 
 
 @lru_cache(maxsize=64)
 def switch_times(ops: Ops, end: float) -> tuple[float, ...]:
     """Times in (0, end) [s] at which operations switch formulas, if their argument is not linear in
     time: zeros in ``abs(sin(t))``, equal arguments of max and min, ends of rises, corners; those of
-    inverse functions in ``asin(sin(t))`` and ``atan2(sin(t), cos(t))``, and poles of tan; 0 if the
-    argument of a sign is zero only at the start."""
+    inverse functions in ``asin(sin(t))`` and ``atan2(sin(t), cos(t))``, poles of tan and of
+    quotients; 0 if the argument of a sign is zero only at the start."""
     stack: list[Ops] = []
     times: list[float] = []
     for op, argument in ops:
@@ -352,6 +354,10 @@ def switch_times(ops: Ops, end: float) -> tuple[float, ...]:
                 times.append(0.0)
         elif op in _TURNS:
             times += _turns_at(last, _TURNS[op], end)
+        elif op == "/" or (op == "powc" and argument < 0.0):
+            zeros = np.array(_times_at(partial(values_at, last), (0.0,), end))
+            near, far = (np.abs(values_at(stack[-1], zeros + d * end)) for d in _BESIDE_POLE)
+            times += zeros[near > _POLE_GROWTH * far].tolist()  # not those of sin(5*t)/sin(t)
         elif op == "atan2":  # of y and x
             zeros = np.array(_times_at(partial(values_at, first), (0.0,), end))
             times += zeros[values_at(last, zeros) < 0.0].tolist()

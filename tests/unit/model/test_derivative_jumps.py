@@ -116,6 +116,10 @@ def test_laws_that_change_with_a_function_of_time_are_found(given, wanted):
         ("2 - acos(cos(3*t))", np.pi / 3 * np.arange(1, 6)),
         ("sqrt(sin(2*t)**2)", np.pi / 2 * np.arange(1, 4)),
         ("atan(tan(2*t))", np.pi / 4 * np.array([1, 3, 5, 7])),
+        ("1/cos(2*t)", np.pi / 4 * np.array([1, 3, 5, 7])),
+        ("sin(10*t)/sin(2*t) + t/tan(t)", np.pi * np.array([0.5, 1, 1.5])),  # poles of tan, t/tan
+        ("atan(cos(2*t)**-1)", np.pi / 4 * np.array([1, 3, 5, 7])),
+        ("atan(1/tan(2*t))", np.pi / 4 * np.arange(1, 8)),
         ("atan2(sin(2*t), cos(2*t))", np.pi / 2 * np.array([1, 3])),
         ("atan2(sin(t), 1.5 + cos(t))", []),  # never at half a turn
         ("asin(0.9*sin(t)) + sqrt(1 + sin(t)**2)", []),
