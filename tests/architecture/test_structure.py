@@ -13,7 +13,7 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "lines": 106_860,
+    "lines": 106_930,
     "participles": 30,
     "base names of three and more files": 0,
     _ALL: 0,
