@@ -130,7 +130,7 @@ def loads_on_bodies(model: ModelData) -> Iterator[tuple[str, str, str]]:
     flexible = {name for name, body in model.bodies.items() if body.flexible}
     for section in ("joints", "drivers", "forces") if flexible else ():
         for name, spec in getattr(model, section).items():
-            for field in ("between", "marker", "at"):
+            for field in ("between", "marker", "relative_to", "at", "reaction"):
                 ends = getattr(spec, field, None) or ()
                 for marker in (ends,) if isinstance(ends, str) else ends:
                     owner = marker.partition(".")[0]
