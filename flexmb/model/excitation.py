@@ -32,6 +32,7 @@ from flexmb.model.markers import rotation_matrix
 if TYPE_CHECKING:
     from flexmb.flexbody import FlexBody
     from flexmb.model.joints.driver import DriverSpec
+    from flexmb.model.sensor import SensorSpec
 
 
 BAND_FACTOR = 25.0
@@ -129,7 +130,7 @@ def loads_on_bodies(model: ModelData) -> Iterator[tuple[str, str, str]]:
     flexible = {name for name, body in model.bodies.items() if body.flexible}
     for section in ("joints", "drivers", "forces") if flexible else ():
         for name, spec in getattr(model, section).items():
-            for field in ("between", "marker", "at"):
+            for field in ("between", "marker", "relative_to", "at", "reaction"):
                 ends = getattr(spec, field, None) or ()
                 for marker in (ends,) if isinstance(ends, str) else ends:
                     owner = marker.partition(".")[0]
@@ -168,15 +169,18 @@ def load_points(model: ModelData, name: str) -> list[int | tuple[float, ...]]:
 
 def _sensors_beside_interfaces(model: ModelData, name: str) -> list[str]:
     """Markers of sensors on nodes of a body besides its interfaces."""
-    markers = []
-    for spec in model.sensors.values():
-        for field in ("of", "relative_to", "between"):
-            ends = getattr(spec, field, None) or ()
-            for marker in (ends,) if isinstance(ends, str) else ends:
-                owner, _, place = marker.partition(".")
-                if owner == name and is_beside_interfaces(model.bodies[name], place):
-                    markers.append(marker)
-    return markers
+    markers = (one for spec in model.sensors.values() for one in nodes_of_sensor(model, spec))
+    return [marker for marker in markers if marker.partition(".")[0] == name]
+
+
+def nodes_of_sensor(model: ModelData, spec: SensorSpec) -> Iterator[str]:
+    """Markers of a sensor on nodes of bodies besides their interfaces."""
+    for field in ("of", "relative_to", "between"):
+        ends = getattr(spec, field, None) or ()
+        for marker in (ends,) if isinstance(ends, str) else ends:
+            owner, _, place = marker.partition(".")
+            if owner in model.bodies and is_beside_interfaces(model.bodies[owner], place):
+                yield marker
 
 
 def needs_inertia_residuals(model: ModelData, name: str, bodies: Mapping[str, FlexBody]) -> bool:

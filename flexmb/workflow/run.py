@@ -218,14 +218,27 @@ def _with_motion_band(model: Model, progress: Progress) -> tuple[Model, list[str
 
 
 def _effect_notes(model: Model, bodies: Mapping[str, FlexBody]) -> list[str]:
-    """Notes on the effects of flexible bodies in a run, if the scene states any."""
+    """Notes on flexible bodies without modes, and on stated effects of the others."""
     from flexmb.model.excitation import cutoff_frequency
     from flexmb.model.flexible_body import EFFECT_WORDS, FlexibleBodySpec
 
     notes = []
     for name, body in bodies.items():
         spec = model.bodies[name]
-        if isinstance(spec, FlexibleBodySpec) and EFFECT_WORDS & spec.model_fields_set:
+        if not isinstance(spec, FlexibleBodySpec) or spec.deformation == "rigid":
+            continue
+        if not body.m:
+            omitted = None if body.omitted_modes is None else body.omitted_modes.frequency
+            least = (
+                ""
+                if omitted is None or not len(omitted)
+                else (f", though it vibrates from {model.units.say(omitted.min(), 'Hz', 4)} on")
+            )
+            notes.append(
+                f"bodies.{name}: has no modal coordinates and moves as a rigid body{least}: give "
+                'it modes, or say deformation = "rigid"'
+            )
+        elif EFFECT_WORDS & spec.model_fields_set:
             cutoff = cutoff_frequency(model) if spec.deformation == "automatic" else float("inf")
             notes.append(f"bodies.{name}: effects {spec.effects_in_words(body, cutoff)}")
     return notes

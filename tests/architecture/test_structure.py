@@ -13,7 +13,7 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "lines": 107_050,
+    "lines": 107_140,
     "participles": 30,
     "base names of three and more files": 0,
     _ALL: 0,

@@ -325,7 +325,8 @@ class FrequencyErrorMonitor:
             row = int(sizes.argmax())
             if sizes[row] > largest[0, k]:
                 parts = np.abs(own.inverse @ np.hstack([amplitudes, rates]).T).max(axis=1)
-                j = int(np.argmax(parts * np.linalg.norm(pose.seen[columns] @ own.shapes, axis=0)))
+                parts = parts * np.linalg.norm(pose.seen[columns] @ own.shapes, axis=0)
+                j = int(np.argmax(np.where(own.vibrate(self._duration), parts, -1.0)))
                 omega = max(own.frequency[j], np.finfo(float).tiny)
                 ratio = np.sqrt(1.0 + 2.0 * own.drift[j] / omega)
                 hertz = omega / ratio / (2.0 * np.pi)

@@ -12,9 +12,13 @@ The lowest omitted modes are integrated together with the run, as oscillators th
 and loads drive; exactly for forces that are linear between rows (Biggs, Introduction to Structural
 Dynamics, 1964, ch. 2). Their response beyond the static one is the truncation error, which
 resonates near their frequencies. A modal coordinate y moves some point of the body by 2 y/√m (the
-free end of a beam of mass m). Positions may be wrong by that, velocities and accelerations by ω and
-ω² times that, joint forces by m ω²/2 times that. A run is refused by this error over the range of
-its sensors, or, without such sensors, by the share of the deformation.
+free end of a beam of mass m); an interface, which is at rest in it, by its inertia alone, and it
+pulls at that with the force of this inertia. Positions may be wrong by that, velocities and
+accelerations by ω and ω² times that, joint forces by this force. A run is refused by this error
+over the range of its sensors, or, without such sensors, by the share of the deformation.
+
+What a shock excites is first seen in the fast modes, and in all others within a period of the body
+as it is joined. So no run is refused before such a period, or its end.
 """
 
 from __future__ import annotations
@@ -32,10 +36,14 @@ from flexmb.analysis.monitors import Indicator
 from flexmb.analysis.validity.body_accelerations import BodyAccelerations
 from flexmb.analysis.validity.linear_elasticity import (
     JoinedFrame,
+    constraint_jacobian,
     flexible_columns,
     in_body_axes,
     joined_frame,
+    joined_interfaces,
+    joined_modes,
 )
+from flexmb.analysis.validity.pose_vibrations import LackingBody, OmittedOscillators
 from flexmb.engine import initial_conditions
 from flexmb.engine.allocation import new_run, new_state, new_work
 from flexmb.engine.compile import Compiled
@@ -48,6 +56,7 @@ from flexmb.flexbody.static_response import LARGEST_SHARE, LEAST_MOTION
 from flexmb.model.excitation import (
     loads_beside_interfaces,
     loads_on_bodies,
+    nodes_of_sensor,
     oscillations,
     slowest_oscillation,
 )
@@ -60,13 +69,11 @@ Indices = NDArray[np.int64]
 # Successive rows in which the missing response must be as large: not a shock or vibration.
 _ROWS_IN_SUCCESSION = 3
 _MIN_SHARE_OF_RUN = 0.1  # share of a run after which the first indicators are given
-_MAX_PHASE_STEP = 1.0  # phase of a mode between two rows [rad] up to which rows show its excitation
 _AT_REST = 1e-3  # rad/s below which a message does not mention the rotation of a body
 _ROUND_OFF = 2e-14  # displacement over the distance from the origin that is round-off
-_MAX_EXPONENT = 50.0  # largest exponent of e within one sum
 # Power of ω in the error of a sensor.
 _POWER_OF_OMEGA = {"position": 0, "distance": 0, "velocity": 1, "acceleration": 2, "reaction": 2}
-_DAMPING = 0.01  # damping ratio of omitted modes, so that the start of a run is forgotten
+_LEAST_RANGE = 1e-7  # range of a sensor, by the size of the model and the run, that is a motion
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,6 +84,8 @@ class _MonitoredBody:
     body: FlexBody
     accelerations: BodyAccelerations
     frame: JoinedFrame
+    period: float  # of its lowest natural frequency as joined, s
+    at_interfaces: tuple[Array, Array]  # force and motion by each omitted mode
     markers: Indices  # markers of the engine at which loads act on nodes
     places: Indices  # first of six columns of each in `load_response`; -1: the node is not in it
     least: float  # mass × square of the least displacement that counts, kg m^2
@@ -112,9 +121,11 @@ class ModalBasisMonitor:
         for path, owner, _ in loads_beside_interfaces(model):
             paths = self._paths.get(owner, "").split(", ")
             self._paths[owner] = ", ".join(dict.fromkeys(filter(None, (*paths, path))))
+        pairs = list(flexible_columns(compiled))
+        Cq = constraint_jacobian(compiled, compiled.initial_q) if pairs else np.zeros((0, 0))
         self._bodies = [
-            _monitored_body(compiled, columns, body, model, columns.name in self._paths)
-            for columns, body in flexible_columns(compiled)
+            _monitored_body(compiled, columns, body, model, columns.name in self._paths, Cq)
+            for columns, body in pairs
         ]
         self.beyond = _beyond_omitted_modes(model, self._bodies) if is_motion else {}
         n = len(self._bodies)
@@ -124,22 +135,26 @@ class ModalBasisMonitor:
         self._whole = np.zeros(n)
         self._last = np.zeros((2, self._window - 1, n))  # missing energies in the last rows
         self._largest = np.zeros((3, 3, n))  # largest missing energy, its time, a number for texts
+        self._began = np.zeros((3, 2, n))  # missing energy, and its time, when it last was fourfold
         self._now, self._begin = np.zeros(1), np.full(1, np.nan)
         whole = model.dynamics.duration if model.dynamics and is_motion else 0.0
-        self._settled = _MIN_SHARE_OF_RUN * whole
+        self._settled, self._end = _MIN_SHARE_OF_RUN * whole, whole
         drive = slowest_oscillation(model) if self._bodies else 0.0
-        self._oscillators = [_Oscillators(one.body, drive) for one in self._bodies]
+        self._oscillators = [OmittedOscillators(one.body, drive) for one in self._bodies]
         most = max((len(one.omega) for one in self._oscillators), default=0)
         self._vibration = np.full((n, most, 5), np.nan)  # state of the omitted modes
         self._sensors = [
             (
                 [k for k, one in enumerate(compiled.layout.channels) if one.split(".")[0] == name],
                 _POWER_OF_OMEGA[spec.type],
-                spec.type == "reaction",
+                None
+                if spec.type == "reaction"
+                else {marker.partition(".")[0] for marker in nodes_of_sensor(model, spec)},
             )
             for name, spec in (model.sensors if self._bodies else {}).items()
             if spec.type in _POWER_OF_OMEGA and getattr(spec, "quantity", "force") == "force"
         ]
+        self._size, self._slowest = compiled.length, 2.0 * np.pi / (whole or np.inf)
         self._least, self._most = np.array(np.inf), np.array(-np.inf)  # range of all channels
         self._unknown = np.zeros(n)  # largest force at a node that is not in `load_response`
         self._work: tuple[Any, Any, Any] | None = None
@@ -191,7 +206,12 @@ class ModalBasisMonitor:
         missing = sliding_window_view(missing, self._window).min(axis=1)
         row = int(missing.argmax())
         if missing[row] > self._largest[what, 0, k]:
-            self._largest[what, :, k] = missing[row], t[row], beside[row]
+            self._update_largest(what, k, missing[row], t[row], beside[row])
+
+    def _update_largest(self, what: int, k: int, missing: float, t: float, beside: float) -> None:
+        self._largest[what, :, k] = missing, t, beside
+        if missing > 4.0 * self._began[what, 0, k]:
+            self._began[what, :, k] = missing, t
 
     def _integrate_omitted_modes(self, k: int, t: Array, x: Array, loads: Array) -> None:
         """Integrate the omitted modes of a body, and update their largest energy."""
@@ -207,8 +227,7 @@ class ModalBasisMonitor:
         if energy[row, mode] > self._largest[TRUNCATION, 0, k] and (
             beyond[row, mode] ** 2 > one.least
         ):
-            frequency = omitted.frequency[mode]
-            self._largest[TRUNCATION, :, k] = energy[row, mode], t[row], frequency
+            self._update_largest(TRUNCATION, k, energy[row, mode], t[row], float(mode))
 
     def _node_loads(self, rows: OutputBlock) -> list[Array]:
         """For each body the forces and moments (t, 6 r) at its nodes, in body axes."""
@@ -255,22 +274,29 @@ class ModalBasisMonitor:
                 whole = self._strain[k] if what == TRUNCATION else self._whole[k]
                 share = 0.0 if early or not missing else float(np.sqrt(missing / whole))
                 text = partial(texts, one, share, t, beside)
-                by_sensors = self._sensor_change(one, share, beside) if what == TRUNCATION else None
-                yield Indicator(one.name, words[what], share, t, LARGEST_SHARE, text, by_sensors)
+                bound = self._sensor_change(one, share, beside) if what == TRUNCATION else None
+                lasts = self._now[0] - self._began[what, 1, k] >= one.period
+                if not lasts and self._now[0] - self._begin[0] < self._end:
+                    bound = 0.0
+                yield Indicator(one.name, words[what], share, t, LARGEST_SHARE, text, bound)
 
-    def _sensor_change(self, one: _MonitoredBody, share: float, hertz: float) -> float | None:
-        """Largest error of sensors by an omitted mode, over their range; None: no such sensor."""
-        k = self._bodies.index(one)
+    def _sensor_change(self, one: _MonitoredBody, share: float, mode: float) -> float | None:
+        """Largest error of sensors by an omitted mode, over their range; None: none such moves."""
+        k, j = self._bodies.index(one), int(mode)
         if not share or not self._sensors or not self._most.ndim:
             return None
-        omega = 2.0 * np.pi * hertz
-        moved = 2.0 * np.sqrt(self._largest[TRUNCATION, 0, k] / one.body.mass) / omega
-        changes = []
-        for columns, power, is_force in self._sensors:
+        omega, (forces, motions) = self._oscillators[k].omega[j], one.at_interfaces
+        y, changes = np.sqrt(self._largest[TRUNCATION, 0, k]) / omega, list[float]()
+        for columns, power, beside in self._sensors:
             size = float((self._most - self._least)[columns].max())
-            change = moved * omega**power * (0.5 * one.body.mass if is_force else 1.0)
-            changes.append(change / size if size > 0.0 else 0.0)
-        return max(changes)
+            moved, still = y * motions[j], _LEAST_RANGE * self._size * self._slowest**power
+            if beside is None:
+                moved, still = y * forces[j], still * one.body.mass
+            elif one.name in beside:
+                moved = 2.0 * y / np.sqrt(one.body.mass)
+            if size > still:
+                changes.append(moved * omega**power / size)
+        return max(changes, default=None)
 
     def notes(self) -> Iterator[str]:
         """Sentences on bodies whose missing response to the loads of the run is not known."""
@@ -308,8 +334,9 @@ class ModalBasisMonitor:
             f"small by about {100 * min(share, 1.0) ** 2:.3g} %, stress by more; {cure}"
         )
 
-    def _truncation(self, one: _MonitoredBody, share: float, t: float, hertz: float) -> str:
-        change = self._sensor_change(one, share, hertz)
+    def _truncation(self, one: _MonitoredBody, share: float, t: float, mode: float) -> str:
+        change = self._sensor_change(one, share, mode)
+        hertz = self._oscillators[self._bodies.index(one)].omega[int(mode)] / (2.0 * np.pi)
         sensors = "" if change is None else f", and change sensors by up to {percent(change)}"
         return (
             f"bodies.{one.name}: a mode of {self._units.say(hertz, 'Hz', 3)} that it does not have "
@@ -320,8 +347,9 @@ class ModalBasisMonitor:
 
 
 def _monitored_body(
-    compiled: Compiled, columns: BodyColumns, body: FlexBody, model: Model, loaded: bool
-) -> _MonitoredBody:
+    compiled: Compiled, columns: BodyColumns, body: FlexBody, model: Model, loaded: bool,
+    Cq: Array,
+) -> _MonitoredBody:  # fmt: skip
     frame = joined_frame(body, columns.name, model)
     response, m = body.load_response, columns.m
     markers, places = [], []
@@ -338,8 +366,14 @@ def _monitored_body(
     accelerations = BodyAccelerations(columns, body, np.array(model.gravity or (0.0, 0.0, 0.0)))
     away = float(np.abs(compiled.initial_q[columns.iq : columns.iq + 3]).max())
     least = max(LEAST_MOTION * body.characteristic_length, _ROUND_OFF * away)
+    frequencies, _ = joined_modes(body, columns, compiled.initial_q, Cq)
+    lacking = LackingBody.of(columns, body, np.zeros(3))
+    at_interfaces = np.zeros(0), np.zeros(0)
+    if lacking is not None:
+        at_interfaces = lacking.at_interfaces(joined_interfaces(body, columns.name, model))
     return _MonitoredBody(
-        columns, body, accelerations, frame, np.array(markers, np.int64),
+        columns, body, accelerations, frame, 2.0 * np.pi / frequencies.min(initial=np.inf),
+        at_interfaces, np.array(markers, np.int64),
         np.array(places, np.int64),
         least**2 * body.mass,
     )  # fmt: skip
@@ -374,57 +408,3 @@ def _carrier(body: FlexBody, rho: Array, Phi_t: Array) -> int:
             return -1 - i
     assert body.nodes is not None
     return int(body.nodes.ids[((body.nodes.position - rho) ** 2).sum(axis=1).argmin()])
-
-
-class _Oscillators:
-    """The omitted modes of a body as oscillators, ÿ + 2ζω ẏ + ω² y = force."""
-
-    def __init__(self, body: FlexBody, drive: float) -> None:
-        omitted = body.omitted_modes
-        self.omega = np.zeros(0) if omitted is None else 2.0 * np.pi * omitted.frequency
-        ratio = 2.0 * np.pi * drive / self.omega
-        self._gain = ratio**2 / np.hypot(1.0 - ratio**2, 2.0 * _DAMPING * ratio)
-
-    def integrate(self, t: Array, force: Array, state: Array) -> Array:
-        """(t, o) response beyond force/ω², exact for forces that are linear between rows.
-
-        With x that response, z = ẋ + ζωx + iω_d x decays exponentially, and each kink of the force
-        is an impulse on it. If rows are too far apart to show the excitation of a mode, the force
-        is taken as an oscillation with the frequency of the drivers and loads of the scene.
-
-        Parameters
-        ----------
-        t : (t,) array
-            Times [s].
-        force : (t, o) array
-            Modal forces at these times.
-        state : (o, 5) array
-            z (two numbers), the slope of force/ω², force/ω² and the time of the row before;
-            updated. NaN: no row yet.
-        """
-        beyond = np.zeros((len(t), len(self.omega)))
-        for k, w in enumerate(self.omega):
-            decay = complex(-_DAMPING * w, w * np.sqrt(1.0 - _DAMPING**2))
-            begins = np.isnan(state[k, 4])
-            time = t if begins else np.append(state[k, 4], t)
-            follow = force[:, k] / w**2 if begins else np.append(state[k, 3], force[:, k] / w**2)
-            h = np.diff(time)
-            slopes = np.diff(follow) / np.maximum(h, 1e-300)
-            slopes = np.append(slopes[:1] if np.isnan(state[k, 2]) else state[k, 2], slopes)
-            kicks = np.where(h > 0.0, -np.diff(slopes), 0.0)
-            z = np.empty(len(time), complex)
-            z[0] = 0.0 if begins else complex(*state[k, :2])
-            block = max(1, int(_MAX_EXPONENT / max(_DAMPING * w * h.max(initial=0.0), 1e-300)))
-            for first in range(0, len(h), block):
-                part = slice(first, first + block)
-                since = time[first + 1 : first + 1 + block] - time[first]
-                back = np.exp(-decay * (time[part][: len(since)] - time[first]))
-                z[first + 1 : first + 1 + block] = np.exp(decay * since) * (
-                    z[first] + np.cumsum(kicks[part] * back)
-                )
-            resolved = np.append(begins, w * h < _MAX_PHASE_STEP)[-len(t) :]
-            swing = np.abs(follow - follow.mean())[-len(t) :] * self._gain[k]
-            beyond[:, k] = np.where(resolved, z.imag[-len(t) :] / decay.imag, swing)
-            slope = slopes[-1] if len(slopes) else np.nan
-            state[k] = z[-1].real, z[-1].imag, slope, follow[-1], time[-1]
-        return beyond

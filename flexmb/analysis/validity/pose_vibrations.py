@@ -13,7 +13,7 @@ they differ from those in space, this replaces ΔM, and modes that are left out 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -32,7 +32,9 @@ _LEAST_CYCLES = 0.5  # of a vibration in the run
 _GROWTH = 0.02  # of a motion, over its frequency, from which it is unstable
 # Difference of a frequency in body axes from that in space, and drift over the largest, that count.
 _SAME_FREQUENCY, _SMALL_DRIFT = 0.05, 0.05
-_OMITTED_DAMPING = 0.01  # damping ratio of modes that are left out
+_DAMPING = 0.01  # damping ratio of modes that are left out, which forget the start of a run
+_MAX_PHASE_STEP = 1.0  # phase of a mode between two rows [rad] up to which rows show its excitation
+_MAX_EXPONENT = 50.0  # largest exponent of e within one sum
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,6 +78,91 @@ class LackingBody:
         scaled = self.force / self.omega[:, None]
         return np.asarray(self.C.T @ (self.rest + scaled.T @ scaled) @ self.C)
 
+    def at_interfaces(self, joined: Collection[str]) -> tuple[Array, Array]:
+        """What the modes that are left out do at interfaces, of which some are `joined`.
+
+        Returns
+        -------
+        forces : (o,) array
+            Largest force at a joined one per acceleration of each mode, with all of them at rest.
+        motions : (o,) array
+            Largest motion of one over that of each mode, with none of them at rest.
+        """
+        n, mass, size = 6 + self.body.m, self.accelerations.mass, self.body.characteristic_length
+        unit, none, places = np.eye(3), np.zeros((3, 3)), self.body.interfaces
+        rows = [
+            np.block(
+                [[unit, -skew(one.position), one.Phi_t], [none, size * unit, size * one.Phi_r]]
+            )
+            for one in places
+        ]
+        B, scales = np.vstack([np.zeros((0, n)), *rows]), np.sqrt(mass[0, 0] / mass.diagonal())
+        K = block_diag(np.zeros((6, 6)), self.body.K) * np.outer(scales, scales)
+        A = np.block([[K / K.max(), (B * scales).T], [B * scales, np.zeros((len(B),) * 2)]])
+        units = np.linalg.lstsq(A, np.eye(n + len(B))[:, n:], rcond=None)[0][:n]
+        force = self.force @ self.C  # on motions with one unit at an interface, and on free ones
+        pulls, ways = force @ (scales[:, None] * units), force @ np.linalg.solve(mass, B.T)
+        pulls, ways = (
+            np.linalg.norm(x.reshape(len(force), len(places), 6)[..., :3], axis=2)
+            for x in (pulls, ways)
+        )
+        at_joints = [one.name in joined for one in places]
+        return pulls.max(axis=1, initial=0.0, where=at_joints), ways.max(axis=1, initial=0.0)
+
+
+class OmittedOscillators:
+    """The omitted modes of a body as oscillators, ÿ + 2ζω ẏ + ω² y = force."""
+
+    def __init__(self, body: FlexBody, drive: float) -> None:
+        omitted = body.omitted_modes
+        self.omega = np.zeros(0) if omitted is None else 2.0 * np.pi * omitted.frequency
+        ratio = 2.0 * np.pi * drive / self.omega
+        self._gain = ratio**2 / np.hypot(1.0 - ratio**2, 2.0 * _DAMPING * ratio)
+
+    def integrate(self, t: Array, force: Array, state: Array) -> Array:
+        """(t, o) response beyond force/ω², exact for forces that are linear between rows.
+
+        With x that response, z = ẋ + ζωx + iω_d x decays exponentially, and each kink of the force
+        is an impulse on it. If rows are too far apart to show the excitation of a mode, the force
+        is taken as an oscillation with the frequency of the drivers and loads of the scene.
+
+        Parameters
+        ----------
+        t : (t,) array
+            Times [s].
+        force : (t, o) array
+            Modal forces at these times.
+        state : (o, 5) array
+            z (two numbers), the slope of force/ω², force/ω² and the time of the row before;
+            updated. NaN: no row yet.
+        """
+        beyond = np.zeros((len(t), len(self.omega)))
+        for k, w in enumerate(self.omega):
+            decay = complex(-_DAMPING * w, w * np.sqrt(1.0 - _DAMPING**2))
+            begins = np.isnan(state[k, 4])
+            time = t if begins else np.append(state[k, 4], t)
+            follow = force[:, k] / w**2 if begins else np.append(state[k, 3], force[:, k] / w**2)
+            h = np.diff(time)
+            slopes = np.diff(follow) / np.maximum(h, 1e-300)
+            slopes = np.append(slopes[:1] if np.isnan(state[k, 2]) else state[k, 2], slopes)
+            kicks = np.where(h > 0.0, -np.diff(slopes), 0.0)
+            z = np.empty(len(time), complex)
+            z[0] = 0.0 if begins else complex(*state[k, :2])
+            block = max(1, int(_MAX_EXPONENT / max(_DAMPING * w * h.max(initial=0.0), 1e-300)))
+            for first in range(0, len(h), block):
+                part = slice(first, first + block)
+                since = time[first + 1 : first + 1 + block] - time[first]
+                back = np.exp(-decay * (time[part][: len(since)] - time[first]))
+                z[first + 1 : first + 1 + block] = np.exp(decay * since) * (
+                    z[first] + np.cumsum(kicks[part] * back)
+                )
+            resolved = np.append(begins, w * h < _MAX_PHASE_STEP)[-len(t) :]
+            swing = np.abs(follow - follow.mean())[-len(t) :] * self._gain[k]
+            beyond[:, k] = np.where(resolved, z.imag[-len(t) :] / decay.imag, swing)
+            slope = slopes[-1] if len(slopes) else np.nan
+            state[k] = z[-1].real, z[-1].imag, slope, follow[-1], time[-1]
+        return beyond
+
 
 @dataclass(frozen=True, eq=False)
 class FrequencyDrift:
@@ -117,15 +204,16 @@ class FrequencyDrift:
 
     def largest(self, duration: float) -> float:
         """The largest drift of those that vibrate within a time [s]."""
-        return float(self.drift[self._vibrate(duration)].max(initial=0.0))
+        return float(self.drift[self.vibrate(duration)].max(initial=0.0))
 
     def is_turned(self, duration: float) -> bool:
         """Whether frequencies of those differ from the ones in space, and their drift counts."""
         other = np.abs(np.abs(self.values) - self.frequency) > _SAME_FREQUENCY * self.frequency
         counts = self.drift > _SMALL_DRIFT * self.largest(duration)
-        return bool(np.any(other & counts & self._vibrate(duration)))
+        return bool(np.any(other & counts & self.vibrate(duration)))
 
-    def _vibrate(self, duration: float) -> NDArray[np.bool_]:
+    def vibrate(self, duration: float) -> NDArray[np.bool_]:
+        """(k,) whether they vibrate within a time [s]; others are free motions."""
         return np.asarray(np.abs(self.values) * duration > 2.0 * np.pi * _LEAST_CYCLES)
 
 
@@ -190,7 +278,7 @@ class PoseVibrations:
             rest = sum(x.T @ one.rest @ x for one, x in zip(bodies, moved, strict=True))
             lowered = np.eye(d) + omega[:, None] * rest * omega
             inverse = np.linalg.inv(np.block([[lowered, -A.T], [-A, np.eye(len(w))]]))
-            D = block_diag(matrices[0], np.diag(2.0 * _OMITTED_DAMPING * w))
+            D = block_diag(matrices[0], np.diag(2.0 * _DAMPING * w))
             K = block_diag(matrices[1], np.diag(w**2))
             values, vectors, start = _vibrations(inverse @ D, inverse @ K, unit)
             kick = start[:, n:] @ inverse @ block_diag(loads, -np.eye(len(w)))
