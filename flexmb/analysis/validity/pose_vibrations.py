@@ -115,15 +115,17 @@ class FrequencyDrift:
         squares = np.divide(sizes, speeds, out=np.zeros(2 * d), where=speeds > 0.0)
         return cls(values, z, inverse, np.sqrt(squares), shares.sum(axis=0), shares)
 
-    def largest(self, duration: float) -> float:
-        """The largest drift of those that vibrate within a time [s]."""
-        return float(self.drift[self._vibrate(duration)].max(initial=0.0))
-
     def is_turned(self, duration: float) -> bool:
-        """Whether frequencies of those differ from the ones in space, and their drift counts."""
+        """Whether frequencies of vibrations differ from those in space, and their drift counts."""
         other = np.abs(np.abs(self.values) - self.frequency) > _SAME_FREQUENCY * self.frequency
-        counts = self.drift > _SMALL_DRIFT * self.largest(duration)
-        return bool(np.any(other & counts & self._vibrate(duration)))
+        vibrate = self._vibrate(duration)
+        counts = self.drift > _SMALL_DRIFT * self.drift[vibrate].max(initial=0.0)
+        return bool(np.any(other & counts & vibrate))
+
+    def get_out_of_phase(self, duration: float) -> NDArray[np.bool_]:
+        """(k,) those that vibrate within a time [s] and get out of phase, even if at resonance."""
+        phase = 2.0 * self.drift * duration
+        return np.asarray(self._vibrate(duration) & (phase >= _LEAST_PHASE))
 
     def _vibrate(self, duration: float) -> NDArray[np.bool_]:
         return np.asarray(np.abs(self.values) * duration > 2.0 * np.pi * _LEAST_CYCLES)
@@ -201,7 +203,7 @@ class PoseVibrations:
 
     def is_exact(self, duration: float) -> bool:
         """Whether no vibration gets out of phase within a time [s], not even at resonance."""
-        return 2.0 * self.own.largest(duration) * duration < _LEAST_PHASE
+        return not self.own.get_out_of_phase(duration).any()
 
 
 def _vibrations(D: Array, K: Array, unit: float) -> tuple[Complex, Complex, Complex]:
