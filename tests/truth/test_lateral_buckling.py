@@ -320,3 +320,9 @@ def test_an_audit_tells_what_further_modes_change_in_a_loaded_strip(tmp_path):
         one for one in flexmb.audit(tmp_path / "12").effects if one.effect == "further modes"
     )
     assert told.share == pytest.approx(change, rel=0.3)
+
+
+def test_a_body_without_modes_has_no_geometric_stiffness():
+    made = reduce(line(4), material=STEEL, sections={"all": rectangle(THICK, HIGH)}, modes=0,
+                  interfaces={"root": "root"}, geometric_stiffening="full")  # fmt: skip
+    assert made.m == 0 and made.centrifugal_stiffness is None

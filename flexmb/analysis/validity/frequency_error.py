@@ -328,9 +328,8 @@ class FrequencyErrorMonitor:
                 parts = own.inverse[some] @ np.hstack([amplitudes, rates]).T
                 moved = np.linalg.norm(pose.seen[columns] @ own.shapes[:, some], axis=0)
                 j = some[np.argmax(np.abs(parts).max(axis=1) * moved)]
-                omega = own.frequency[j]
-                ratio = np.sqrt(1.0 + 2.0 * own.drift[j] / omega)
-                hertz = omega / ratio / (2.0 * np.pi)
+                ratio = np.sqrt(1.0 + 2.0 * own.drift[j] / own.frequency[j])
+                hertz = own.frequency[j] / ratio / (2.0 * np.pi)
                 largest[:, k] = sizes[row], t[row], hertz, ratio - 1.0
                 number[k] = int(own.shares[:, j].argmax())
         self._largest, self._body = largest, number

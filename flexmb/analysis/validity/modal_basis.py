@@ -340,8 +340,7 @@ def _monitored_body(
     least = max(LEAST_MOTION * body.characteristic_length, _ROUND_OFF * away)
     return _MonitoredBody(
         columns, body, accelerations, frame, np.array(markers, np.int64),
-        np.array(places, np.int64),
-        least**2 * body.mass,
+        np.array(places, np.int64), least**2 * body.mass,
     )  # fmt: skip
 
 
