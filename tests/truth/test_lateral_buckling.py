@@ -151,6 +151,16 @@ def test_a_beam_without_stiffening_is_told_how_near_it_is_to_tipping_over(machin
     assert "of the load by which it buckles sideways, yet" in found.message
 
 
+def test_a_column_that_is_pushed_aside_a_little_is_not_told_to_be_bent():
+    """At 1.2 of Euler's load, with a thousandth of Prandtl's force beside it."""
+    model = cantilever(0.001 * FORCE, geometric_stiffening="none")
+    euler = np.pi**2 / 4 * EI / LENGTH**2
+    model.add_force("weight", "force", at="b0.tip", value=[-1.2 * euler, 0, 0])
+    model.set_validity(load_factor="any")
+    (note,) = (one for one in flexmb.statics(model).notes if "buckles" in one)
+    assert float(note.split("it is compressed by about ")[1].split()[0]) == pytest.approx(1.2, 0.05)
+
+
 def test_what_a_sideways_push_moves_too_little_without_stiffening_is_told():
     """Its tip is pushed aside by 2 N as it carries 0.31 of Prandtl's force."""
     ends, notes = [], ""
