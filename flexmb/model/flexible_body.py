@@ -236,7 +236,8 @@ class FlexibleBodySpec(BodySpec):
                 f" (with {word} coupling it may diverge; full coupling and mean axes do not)"
             )
         named = {"inertia_coupling", "geometric_stiffening"} & self.model_fields_set
-        if named and not stiffened and self.inertia_coupling != "constant":
+        has_modes = body is None or body.m > 0
+        if named and has_modes and not stiffened and self.inertia_coupling != "constant":
             parts[-1] += " (the inconsistent set: rotation softens, but does not stiffen)"
         return ", ".join(parts)
 

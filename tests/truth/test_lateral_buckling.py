@@ -109,6 +109,12 @@ def test_it_vibrates_sideways_as_ritz_says(words, share):
     assert np.sort(found.frequencies)[:2] == pytest.approx(ritz(share * FORCE), rel=0.02)
 
 
+def test_in_a_frame_at_its_root_it_vibrates_as_nearly_so():
+    """1.30 Hz; near the load that buckles it the frequency falls steeply."""
+    found = flexmb.linearize(cantilever(0.9 * FORCE, frame="interface root"), about="static")
+    assert found.frequencies.min() == pytest.approx(ritz(0.9 * FORCE)[0], rel=0.045)
+
+
 def test_it_is_refused_above_that_force_and_warned_of_before():
     found = flexmb.statics(cantilever(0.9 * FORCE))
     assert "its loads are 0.9 of those that buckle it" in " ".join(found.notes)
@@ -149,6 +155,16 @@ def test_a_beam_without_stiffening_is_told_how_near_it_is_to_tipping_over(machin
     model = machine(1.1 * share, geometric_stiffening="none")
     found = judged(model, start="quasi-static", verify=False, duration=0.5)
     assert "of the load by which it buckles sideways, yet" in found.message
+
+
+def test_a_column_that_is_pushed_aside_a_little_is_not_told_to_be_bent():
+    """At 1.2 of Euler's load, with a thousandth of Prandtl's force beside it."""
+    model = cantilever(0.001 * FORCE, geometric_stiffening="none")
+    euler = np.pi**2 / 4 * EI / LENGTH**2
+    model.add_force("weight", "force", at="b0.tip", value=[-1.2 * euler, 0, 0])
+    model.set_validity(load_factor="any")
+    (note,) = (one for one in flexmb.statics(model).notes if "buckles" in one)
+    assert float(note.split("it is compressed by about ")[1].split()[0]) == pytest.approx(1.2, 0.05)
 
 
 def test_what_a_sideways_push_moves_too_little_without_stiffening_is_told():
@@ -320,3 +336,9 @@ def test_an_audit_tells_what_further_modes_change_in_a_loaded_strip(tmp_path):
         one for one in flexmb.audit(tmp_path / "12").effects if one.effect == "further modes"
     )
     assert told.share == pytest.approx(change, rel=0.3)
+
+
+def test_a_body_without_modes_has_no_geometric_stiffness():
+    made = reduce(line(4), material=STEEL, sections={"all": rectangle(THICK, HIGH)}, modes=0,
+                  interfaces={"root": "root"}, geometric_stiffening="full")  # fmt: skip
+    assert made.m == 0 and made.centrifugal_stiffness is None

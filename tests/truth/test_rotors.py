@@ -11,11 +11,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from scipy.linalg import eig, eigh
+from scipy.optimize import brentq
 from scipy.spatial.transform import Rotation
 
 from flexmb.analysis.validity.body_accelerations import BodyAccelerations
 from flexmb.fe import assemble, mesh_from, reduce
 from flexmb.fe.sections.section_tables import resolve
+from flexmb.flexbody import FlexBody
 from flexmb.model import Model
 from flexmb.results import Result
 from flexmb.workflow.run import run_single
@@ -116,6 +118,42 @@ def test_what_a_shaft_that_whirls_lacks_is_told_at_any_speed(speed, tmp_path):
     assert float(note.split("scene, ")[1].split(" Hz")[0]) == pytest.approx(33.0, abs=4.0)
 
 
+def test_a_vibration_of_a_machine_that_turns_freely_is_named_not_its_rotation(tmp_path):
+    """A bar on a hub with a mass at its end, pushed at 48 Hz; Euler's bar has `wanted`."""
+    hub, mass, across, (force, pushed) = 0.03, 0.2, 3e-4, (20.0, 302.0)
+
+    def closure(omega):
+        b = (RHO * AREA * omega**2 / (E * SECOND)) ** 0.25
+        s, c, sh, ch = np.sin(b * L), np.cos(b * L), np.sinh(b * L), np.cosh(b * L)
+        w = np.array([[0, 1, 0, 1], [s, c, sh, ch]])
+        slope, bend = b * np.array([[1, 0, 1, 0], [c, -s, ch, sh]]), b * b * w * [-1, -1, 1, 1]
+        shear = b**3 * np.array([-c, s, ch, sh])
+        stiff, square = E * SECOND, omega**2
+        return np.linalg.det([w[0], stiff * bend[0] + square * hub * slope[0],
+                              stiff * bend[1] - square * across * slope[1],
+                              stiff * shear + square * mass * w[1]])  # fmt: skip
+
+    wanted = brentq(closure, 200.0, 400.0) / (2 * np.pi)
+    model = Model("bar on a hub")
+    model.add_body("hub", mass=1.0, inertia=[hub] * 3)
+    model.add_body("bar", mesh={"type": "beam", "length": L, "divisions": N}, modes=0,
+                   stress="none", material={"E": E, "nu": 0.3, "density": RHO},
+                   sections={"all": {"type": "circle", "radius": D / 2, "shear": False}},
+                   interfaces={"root": "start", "tip": "end"})  # fmt: skip
+    model.add_body("mass", mass=mass, inertia=[across] * 3, position=[L, 0, 0])
+    model.add_joint("axle", "revolute", between=["ground", "hub"], axis="z")
+    model.add_joint("seat", "fixed", between=["hub", "bar.root"])
+    model.add_joint("end", "fixed", between=["bar.tip", "mass"])
+    push = f"{force}*sin({pushed}*t)"
+    model.add_force("push", type="force", at="mass", axes="global", value=[0, push, 0])
+    model.add_sensor("mass", "position", of="mass")
+    model.set_validity(inertia_loads="any", truncation="any")
+    model.set_dynamics(duration=1.0, outputs=500, accuracy=1e-5)
+    notes = run_single(model, tmp_path, pictures=False).notes
+    (note,) = (one for one in notes if SHORT[1] in one)
+    assert float(note.split("scene, ")[1].split(" Hz")[0]) == pytest.approx(wanted, rel=0.01)
+
+
 BLOCK = {"type": "box", "size": [0.5, 0.06, 0.04], "divisions": [6, 2, 2]}
 
 
@@ -176,3 +214,26 @@ def test_forces_in_axes_that_turn_keep_their_direction(block):
     np.testing.assert_allclose(turned[:, :3], wanted, atol=1e-9)
     back = accelerations.in_turned_axes(turned, -angle)
     np.testing.assert_allclose(back, forces, atol=1e-9 * np.abs(turned).max())
+
+
+def test_masses_on_a_line_have_accelerations_though_none_turns_about_it():
+    """Inertia forces of five masses with one mode, as of points that turn and vibrate."""
+    x, each = np.linspace(-0.5, 0.5, 5)[:, None] * [0.6, 0.8, 0.0], 0.2
+    Phi = np.array([1, -0.6, -0.8, -0.6, 1])[:, None, None] * np.array([-0.8, 0.6, 0])[:, None]
+    Mab = each * np.einsum("kai,kbj->abij", Phi, Phi)
+    line = FlexBody("line", 5 * each, np.zeros(3), each * x.T @ x, each * Phi.sum(0),
+                    each * np.einsum("ka,kbi->abi", x, Phi), Mab, [[1e4]])  # fmt: skip
+    omega, alpha, eta, rate, further = [3.0, -2, 5], [40.0, 10, -20], 1e-3, 0.4, 70.0
+    columns = SimpleNamespace(iq=0, iv=0, m=1)
+    rows = SimpleNamespace(q=np.array([[0, 0, 0, 1, 0, 0, 0, eta]], float),
+                           v=np.array([[0, 0, 0, *omega, rate]]),
+                           vd=np.array([[0, 0, 0, *alpha, further]]))  # fmt: skip
+    own = BodyAccelerations(columns, line, np.zeros(3)).of_material(rows)[0]
+    moved, turned = x + Phi[..., 0] * eta, np.cross(omega, Phi[..., 0] * rate)
+    a = np.cross(alpha, moved) + np.cross(omega, np.cross(omega, moved))
+    a = a + 2 * turned + Phi[..., 0] * further
+    about = np.cross(own[3:6], x) + np.cross(omega, np.cross(omega, x)) + Phi[..., 0] * own[12]
+    for arms in (np.tile(np.eye(3)[:, None], (5, 1)), np.cross(np.eye(3)[:, None], x)):
+        np.testing.assert_allclose((arms * (about + own[:3])).sum((1, 2)), (arms * a).sum((1, 2)),
+                                   atol=1e-9)  # fmt: skip
+    np.testing.assert_allclose((Phi[..., 0] * about).sum(), (Phi[..., 0] * a).sum(), atol=1e-9)

@@ -25,6 +25,7 @@ Complex = NDArray[np.complex128]
 
 _ARMS = np.cross(np.eye(3)[:, None], np.eye(3))  # [i, c, a]: (e_i × s)_a = Σ_c [i, c, a] s_c
 _LAST_TERM = 1e-12  # of the series of a rotation
+_NO_MASS = 1e-13  # of a motion, over those of unit mass, that is round-off
 
 
 class BodyAccelerations:
@@ -44,19 +45,18 @@ class BodyAccelerations:
 
     Attributes
     ----------
-    mass : (n, n) array
-        Mass matrix at rest.
+    mass, inverse : (n, n) array
+        Mass matrix at rest, and its inverse: zero for motions without mass.
     """
 
     def __init__(self, columns: BodyColumns, body: FlexBody, gravity: Array) -> None:
         self.columns, self.body, self._gravity = columns, body, gravity
         products = _products_of_motions(body)
         self.mass = np.einsum("aaij->ij", products)
+        self.inverse = inverse = _inverse(self.mass)
         # [a, b]: motions nearest to axis a of what moves along axis b
-        self._nearest = np.linalg.solve(self.mass, products.reshape(9, *self.mass.shape))
-        self._nearest = self._nearest.reshape(products.shape)
-        places = _products_with_places(body).reshape(9, -1)  # motions nearest to axis a by s_b
-        self._places = np.linalg.solve(self.mass, places.T).T.reshape(3, 3, -1)
+        self._nearest = inverse @ products
+        self._places = _products_with_places(body) @ inverse  # motions nearest to axis a by s_b
         self._turns = np.einsum("cab,abij->cij", _cross_product(np.eye(3)), self._nearest)
 
     def of_material(self, rows: OutputBlock) -> Array:
@@ -161,6 +161,14 @@ def _products_with_places(body: FlexBody) -> Array:
     rotations = np.einsum("ica,cb->abi", _ARMS, body.S0)
     translations = np.einsum("ai,b->abi", np.eye(3), body.S1)
     return np.concatenate([translations, rotations, body.P.swapaxes(0, 1)], axis=2)
+
+
+def _inverse(mass: Array) -> Array:
+    """(n, n) inverse of a mass matrix; zero for motions without mass: a line turns about itself."""
+    sizes = np.sqrt(mass.diagonal())
+    scale = np.divide(1.0, sizes, out=np.zeros_like(sizes), where=sizes > 0.0)
+    scale = np.outer(scale, scale)
+    return np.asarray(scale * np.linalg.pinv(scale * mass, rcond=_NO_MASS, hermitian=True))
 
 
 def _turning(alpha: Array, omega: Array) -> Array:

@@ -324,12 +324,12 @@ class FrequencyErrorMonitor:
             sizes = np.linalg.norm(change[:, columns], axis=1)
             row = int(sizes.argmax())
             if sizes[row] > largest[0, k]:
-                parts = np.abs(own.inverse @ np.hstack([amplitudes, rates]).T).max(axis=1)
-                parts = parts * np.linalg.norm(pose.seen[columns] @ own.shapes, axis=0)
-                j = int(np.argmax(np.where(own.vibrate(self._duration), parts, -1.0)))
-                omega = max(own.frequency[j], np.finfo(float).tiny)
-                ratio = np.sqrt(1.0 + 2.0 * own.drift[j] / omega)
-                hertz = omega / ratio / (2.0 * np.pi)
+                some = np.flatnonzero(own.get_out_of_phase(self._duration))
+                parts = own.inverse[some] @ np.hstack([amplitudes, rates]).T
+                moved = np.linalg.norm(pose.seen[columns] @ own.shapes[:, some], axis=0)
+                j = some[np.argmax(np.abs(parts).max(axis=1) * moved)]
+                ratio = np.sqrt(1.0 + 2.0 * own.drift[j] / own.frequency[j])
+                hertz = own.frequency[j] / ratio / (2.0 * np.pi)
                 largest[:, k] = sizes[row], t[row], hertz, ratio - 1.0
                 number[k] = int(own.shares[:, j].argmax())
         self._largest, self._body = largest, number

@@ -5,10 +5,9 @@ of its modes in the body frame (Timoshenko & Gere, Theory of Elastic Stability, 
 force V and a moment M add the second variation of −½∫ (V·θ) φ + M·(θ × θ') dx, with θ the rotation
 of the sections and φ its part about the axis: the curvature θ' − θ × θ'/2 of a section in its own
 axes (Simo & Vu-Quoc, Comput. Methods Appl. Mech. Eng. 58 (1986) 79). By these a deep beam buckles
-sideways and twists. N has two
-parts: the forces at markers with the inertia of the bar, which are in equilibrium along its axis,
-and the tension of a bow. With a bow the joined ends of a bar b approach each other by
-δ = ∫ w'²/2 dx. Where joints or other bars prevent it, tensions T = P δ stay,
+sideways and twists. N has two parts: the forces at markers with the inertia of the bar, which are
+in equilibrium along its axis, and the tension of a bow. With a bow the joined ends of a bar b
+approach each other by δ = ∫ w'²/2 dx. Where joints or other bars prevent it, tensions T = P δ stay,
 
     P = diag(k) − k S C Sᵀ k,
 

@@ -373,8 +373,7 @@ def _monitored_body(
         at_interfaces = lacking.at_interfaces(joined_interfaces(body, columns.name, model))
     return _MonitoredBody(
         columns, body, accelerations, frame, 2.0 * np.pi / frequencies.min(initial=np.inf),
-        at_interfaces, np.array(markers, np.int64),
-        np.array(places, np.int64),
+        at_interfaces, np.array(markers, np.int64), np.array(places, np.int64),
         least**2 * body.mass,
     )  # fmt: skip
 

@@ -208,9 +208,9 @@ class OmittedStiffeningMonitor:
         """The change of each body: at its sensors, or else over its deflection."""
         for k, one in enumerate(self._bars):
             (value, t), (every, then) = self._load_factors[:, :, k]
-            level, sideways = LARGEST_LOAD_FACTOR, value < every
             # moments of both signs lessen a stiffness: by the square of their load factor
-            if sideways and (every**2 > value or every > 1.0):
+            level, sideways = LARGEST_LOAD_FACTOR, every * (every - value) > value
+            if sideways or every > 1.0 >= value:
                 value, t, level = every, then, LARGEST_LOAD_FACTOR**0.5
             text = partial(self._buckled, one.columns.name, value, t, level)
             yield Indicator(one.columns.name, "load_factor", value, t, level, text)

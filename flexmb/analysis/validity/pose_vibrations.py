@@ -89,6 +89,7 @@ class LackingBody:
             Largest motion of one over that of each mode, with none of them at rest.
         """
         n, mass, size = 6 + self.body.m, self.accelerations.mass, self.body.characteristic_length
+        sizes = np.where(mass.diagonal() > 0.0, mass.diagonal(), mass[0, 0])
         unit, none, places = np.eye(3), np.zeros((3, 3)), self.body.interfaces
         rows = [
             np.block(
@@ -96,12 +97,12 @@ class LackingBody:
             )
             for one in places
         ]
-        B, scales = np.vstack([np.zeros((0, n)), *rows]), np.sqrt(mass[0, 0] / mass.diagonal())
+        B, scales = np.vstack([np.zeros((0, n)), *rows]), np.sqrt(mass[0, 0] / sizes)
         K = block_diag(np.zeros((6, 6)), self.body.K) * np.outer(scales, scales)
         A = np.block([[K / K.max(), (B * scales).T], [B * scales, np.zeros((len(B),) * 2)]])
         units = np.linalg.lstsq(A, np.eye(n + len(B))[:, n:], rcond=None)[0][:n]
         force = self.force @ self.C  # on motions with one unit at an interface, and on free ones
-        pulls, ways = force @ (scales[:, None] * units), force @ np.linalg.solve(mass, B.T)
+        pulls, ways = force @ (scales[:, None] * units), force @ self.accelerations.inverse @ B.T
         pulls, ways = (
             np.linalg.norm(x.reshape(len(force), len(places), 6)[..., :3], axis=2)
             for x in (pulls, ways)
@@ -202,17 +203,19 @@ class FrequencyDrift:
         squares = np.divide(sizes, speeds, out=np.zeros(2 * d), where=speeds > 0.0)
         return cls(values, z, inverse, np.sqrt(squares), shares.sum(axis=0), shares)
 
-    def largest(self, duration: float) -> float:
-        """The largest drift of those that vibrate within a time [s]."""
-        return float(self.drift[self.vibrate(duration)].max(initial=0.0))
-
     def is_turned(self, duration: float) -> bool:
-        """Whether frequencies of those differ from the ones in space, and their drift counts."""
+        """Whether frequencies of vibrations differ from those in space, and their drift counts."""
         other = np.abs(np.abs(self.values) - self.frequency) > _SAME_FREQUENCY * self.frequency
-        counts = self.drift > _SMALL_DRIFT * self.largest(duration)
-        return bool(np.any(other & counts & self.vibrate(duration)))
+        vibrate = self._vibrate(duration)
+        counts = self.drift > _SMALL_DRIFT * self.drift[vibrate].max(initial=0.0)
+        return bool(np.any(other & counts & vibrate))
 
-    def vibrate(self, duration: float) -> NDArray[np.bool_]:
+    def get_out_of_phase(self, duration: float) -> NDArray[np.bool_]:
+        """(k,) those that vibrate within a time [s] and get out of phase, even if at resonance."""
+        phase = 2.0 * self.drift * duration
+        return np.asarray(self._vibrate(duration) & (phase >= _LEAST_PHASE))
+
+    def _vibrate(self, duration: float) -> NDArray[np.bool_]:
         """(k,) whether they vibrate within a time [s]; others are free motions."""
         return np.asarray(np.abs(self.values) * duration > 2.0 * np.pi * _LEAST_CYCLES)
 
@@ -289,7 +292,7 @@ class PoseVibrations:
 
     def is_exact(self, duration: float) -> bool:
         """Whether no vibration gets out of phase within a time [s], not even at resonance."""
-        return 2.0 * self.own.largest(duration) * duration < _LEAST_PHASE
+        return not self.own.get_out_of_phase(duration).any()
 
 
 def _vibrations(D: Array, K: Array, unit: float) -> tuple[Complex, Complex, Complex]:

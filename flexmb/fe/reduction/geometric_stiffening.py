@@ -50,7 +50,7 @@ def with_geometric_stiffening(
     nodes: Sequence[int] = (),
     progress: Progress = silent,
 ) -> FlexBody:
-    """The body with the geometric stiffness of its loads.
+    """The body with the geometric stiffness of its loads; without modes it has none.
 
     Parameters
     ----------
@@ -69,6 +69,8 @@ def with_geometric_stiffening(
     progress : Progress
         Called with the phase ``"stiffening"``.
     """
+    if body.m == 0:
+        return body
     fixed, relief = FixedInterfaceModel(fe, interfaces, _ALL), InertiaRelief(fe.M, fe.rigid)
     fields = centrifugal_fields(fe)
     loads = [f for f, _ in fields]

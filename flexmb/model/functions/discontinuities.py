@@ -369,7 +369,8 @@ def _turns_at(ops: Ops, places: Sequence[float], end: float) -> list[float]:
     apart = _TURN_SHARE * end / _SAMPLES
 
     def change(t: Array) -> Array:
-        return values_at(ops, t + apart) - values_at(ops, t - apart)
+        before, after = (np.clip(t + step, 0.0, end) for step in (-apart, apart))
+        return values_at(ops, after) - values_at(ops, before)
 
     turns = np.array(_times_at(change, (0.0,), end))
     away = np.abs(values_at(ops, turns)[:, None] - np.array(places)).min(axis=1, initial=np.inf)

@@ -121,6 +121,8 @@ def test_laws_that_change_with_a_function_of_time_are_found(given, wanted):
         ("atan(cos(2*t)**-1)", np.pi / 4 * np.array([1, 3, 5, 7])),
         ("atan(1/tan(2*t))", np.pi / 4 * np.arange(1, 8)),
         ("atan2(sin(2*t), cos(2*t))", np.pi / 2 * np.array([1, 3])),
+        ("asin(sin(3*sqrt(t)))", (np.pi / 6 * np.array([1, 3])) ** 2),  # not real before 0
+        ("acos(cos(3*sqrt(6 - t)))", 6 - (np.pi / 3 * np.array([2, 1])) ** 2),  # nor after 6
         ("atan2(sin(t), 1.5 + cos(t))", []),  # never at half a turn
         ("asin(0.9*sin(t)) + sqrt(1 + sin(t)**2)", []),
         ("asin(t/7)", []),
