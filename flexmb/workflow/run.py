@@ -228,12 +228,10 @@ def _effect_notes(model: Model, bodies: Mapping[str, FlexBody]) -> list[str]:
         if not isinstance(spec, FlexibleBodySpec) or spec.deformation == "rigid":
             continue
         if not body.m:
-            omitted = None if body.omitted_modes is None else body.omitted_modes.frequency
-            least = (
-                ""
-                if omitted is None or not len(omitted)
-                else (f", though it vibrates from {model.units.say(omitted.min(), 'Hz', 4)} on")
-            )
+            least = ""
+            if body.omitted_modes is not None and len(body.omitted_modes.frequency):
+                lowest = model.units.say(body.omitted_modes.frequency.min(), "Hz", 4)
+                least = f", though it vibrates from {lowest} on"
             notes.append(
                 f"bodies.{name}: has no modal coordinates and moves as a rigid body{least}: give "
                 'it modes, or say deformation = "rigid"'

@@ -141,6 +141,16 @@ def test_a_beam_between_forks_buckles_under_equal_moments(told):
     assert told(between_forks(0.5)) == pytest.approx([0.5], rel=0.01)
 
 
+@pytest.mark.parametrize("words", [
+    {"place": (1000.0, -2000.0, 500.0), "frame": "interface root", "inertia_coupling": "full"},
+    {"direction": (0.6, 0.8, 0.0)}, {"deformation": "quasi-static"},
+])  # fmt: skip
+def test_what_is_told_does_not_depend_on_place_frame_or_inertia(words):
+    found = flexmb.statics(cantilever(0.7 * FORCE, geometric_stiffening="none", **words))
+    (note,) = (one for one in found.notes if "buckles sideways" in one)
+    assert float(note.split("it is bent by about ")[1].split()[0]) == pytest.approx(0.7, abs=0.015)
+
+
 @pytest.mark.parametrize("machine", [cantilever, between_forks])
 def test_a_beam_without_stiffening_is_told_how_near_it_is_to_tipping_over(machine):
     """At 0.5 and 0.9 of that load; below 0.32 a stiffness changes by less than a tenth."""

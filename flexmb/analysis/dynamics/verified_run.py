@@ -139,7 +139,8 @@ class VerifiedRun:
         """The order of the method, or a lower one that the pass before shows.
 
         It is computed from the differences of both passes and the numbers of steps of their scouts,
-        unless the runs of the pass before were different motions or the numbers hardly differ.
+        unless the runs of the pass before were different motions, or damped a vibration that these
+        follow, or the numbers hardly differ.
         """
         integrator, passes = self.fine.method, self.passes[0]
         highest = float(integrator.order)
@@ -152,9 +153,10 @@ class VerifiedRun:
             exponent = least_fractional_exponent(self.fine.compiled)
             highest = min(highest, _FRACTIONAL_ORDER + exponent)
         steps, last = self.scout.state.count[0]["steps"], passes["last_steps"]
-        known = 0.0 < passes["last_difference"] < _SAME_MOTION
-        few = steps < _MIN_STEP_GROWTH * last or self._follows_a_damped_vibration
-        if not known or few or (now := self.difference) == 0.0:
+        same = 0.0 < passes["last_difference"] < _SAME_MOTION
+        if not same or steps < _MIN_STEP_GROWTH * last or self._follows_a_damped_vibration:
+            return highest
+        if (now := self.difference) == 0.0:
             return highest
         scatter = _SCATTER if integrator.stages else 1.0
         order = math.log(scatter * passes["last_difference"] / now) / math.log(steps / last)

@@ -209,6 +209,7 @@ class ModalBasisMonitor:
             self._update_largest(what, k, missing[row], t[row], beside[row])
 
     def _update_largest(self, what: int, k: int, missing: float, t: float, beside: float) -> None:
+        """Replace the largest missing energy of a body, and when its growth began if it is new."""
         self._largest[what, :, k] = missing, t, beside
         if missing > 4.0 * self._began[what, 0, k]:
             self._began[what, :, k] = missing, t
