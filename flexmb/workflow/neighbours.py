@@ -88,6 +88,9 @@ class ModelVariants:
         folder = run.path.parent / "audit"
         compiled = damped_as_run(compile_system(model, bodies), model, run)
         for name, file in run.flexbodies.items():
+            spec = model.bodies[name]
+            if isinstance(spec, MeshBodySpec) and spec.deformation == RIGID["deformation"]:
+                continue  # an earlier reduction in the folder may be of another mesh
             whole = file.with_name(file.name.replace(SIMULATED, "."))
             bodies[name] = load(whole) if whole != file and whole.exists() else bodies[name]
         made = cls(run, model, bodies, compiled, read_motion(run, compiled), folder, progress)

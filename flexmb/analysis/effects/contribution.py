@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.initial_state import assemble
 from flexmb.analysis.assembly.jacobian import ConstraintRows
+from flexmb.analysis.effects.idle_motions import idle_bodies, turned_motions
 from flexmb.analysis.effects.perturbation import Response, respond
 from flexmb.analysis.effects.smooth_pieces import follow_places, follow_velocities
 from flexmb.analysis.effects.stored_motion import Motion, carry_motion
@@ -50,6 +51,7 @@ _TIMED_EVALUATIONS = 50  # evaluations of the equations to measure their time
 _RINGING_FLOOR = 1e-3  # least scale of fast vibrations, over the largest range of the unit
 _NO_VIBRATION = 1e4  # the same, over round-off
 _CUBIC = np.array([1.0, -4.0, 6.0, -4.0, 1.0]) / 6.0  # a row minus the cubic through its neighbours
+_WINDOW = 11  # rows over which the median of squared differences is taken
 _SECOND_ORDER = 1e-2  # change over the range of a channel above which it may be of second order
 _LINEARITY = 0.3  # largest relative difference of the estimate along the changed motion
 _MAX_SHARE = 1e3  # largest reported change over range
@@ -185,10 +187,10 @@ def fast_shares(
     """Difference of rows from the cubic through their neighbours (rms), over each sensor's range.
 
     It is small for motions that the rows resolve: 0.01 of a vibration with 0.5 rad from row to row,
-    0.14 of one with 1 rad. Single jumps contribute little, and so does `least`, from `round_off`:
-    no number of rows resolves noise.
+    0.14 of one with 1 rad. Single jumps do not contribute, nor does `least`, from `round_off`: no
+    number of rows resolves noise.
     """
-    from scipy.ndimage import correlate1d
+    from scipy.ndimage import correlate1d, median_filter
 
     sizes: dict[str, tuple[str, float, float]] = {}
     largest: dict[str, float] = {}
@@ -196,7 +198,9 @@ def fast_shares(
         columns = [names.index(channel) for channel in channels_of(name, spec)]
         unit, x = model.channel_unit(channels_of(name, spec)[0]) or "", history[:, columns]
         apart = correlate1d(x, _CUBIC, axis=0)[2:-2]
-        rms = float(np.sqrt((apart**2).sum(axis=1).mean())) if len(apart) else 0.0
+        # of sin² median and mean are equal; the four rows at a jump are fewer than half of a window
+        usual = median_filter((apart**2).sum(axis=1), _WINDOW) if len(apart) else np.zeros(1)
+        rms = float(np.sqrt(usual.mean()))
         sizes[name] = unit, float(np.ptp(x, axis=0).max(initial=0.0)), rms
         largest[unit] = max(largest.get(unit, 0.0), sizes[name][1])
     still = {unit: _NO_VIBRATION * (least or {}).get(unit, 0.0) for unit in largest}
@@ -272,6 +276,16 @@ def estimate(
     carried = carried.with_history(other)
     start = first_change(other, model, carried) if begins_as_placed else None
     made = respond(other, carried, balance, start, quasi_static=quasi_static, jumps=jumps)
+    if idle := idle_bodies(other, model, carried, made.dq):
+        still = [
+            respond(other, one, balance, start, quasi_static=quasi_static, jumps=jumps, idle=idle)
+            for one in turned_motions(other, carried, idle)
+        ]
+        changes = np.array([one.channels for one in still])
+        largest = np.abs(changes).max(axis=1).argmax(axis=0)
+        change = np.take_along_axis(changes, largest[None, None], 0)[0]
+        turns = ["rad" in (model.channel_unit(name) or "") for name in other.layout.channels]
+        made = replace(still[0], channels=np.where(turns, made.channels, change))
     specs = active_model(model).forces.values()
     if not any(isinstance(spec, (ContactSpec, AnyStop, JointFrictionSpec)) for spec in specs):
         return made, np.ones(made.channels.shape[1], bool)

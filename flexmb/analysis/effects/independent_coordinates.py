@@ -20,7 +20,7 @@ from flexmb.analysis.effects.variational_equations import VariationalEquations, 
 from flexmb.errors import FlexmbError
 from flexmb.flexbody.arrays import Array
 
-_WORSE = 30.0  # largest motion of a dependent coordinate per unit of an independent one
+_WORSE = 10.0  # largest motion of a dependent coordinate per unit of an independent one
 _LEAST_ROWS, _MOST_ROWS = 8, 64  # least rows with one selection; most rows solved together
 
 

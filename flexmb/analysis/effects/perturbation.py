@@ -80,7 +80,7 @@ class Response:
 def respond(
     compiled: Compiled, motion: Motion, balance: Array,
     start: tuple[Array, Array, Array] | None = None, *, quasi_static: Sequence[str] = (),
-    jumps: Jumps | None = None,
+    jumps: Jumps | None = None, idle: Sequence[Sequence[str]] = (),
 ) -> Response:  # fmt: skip
     """Small motions of a model about the motion of another model.
 
@@ -100,8 +100,11 @@ def respond(
         loads.
     jumps : Jumps, optional
         Jumps of the computed motion that the other model does not have.
+    idle : sequence of sequences of str
+        Sets of bodies that do not move beside all others.
     """
     equations, state = linearise(compiled, motion, balance), equations_of(compiled)
+    equations = equations.without_motions([equations.frames.rigid(names) for names in idle])
     small = _solve(compiled, motion, equations, start, quasi_static, jumps)
     parts, pieces, bounded = small.motions, small.pieces, small.bounded
     load = equations.F + small.load
@@ -332,22 +335,22 @@ def displaced(
         modes = slice(body.iq + 7, body.iq + 7 + body.m)
         q[:, modes] += dq[:, body.iv + 6 : body.iv + 6 + body.m]
         before, angle = motion.q[:, e], dq[:, turn]
-        shift, half = _screw(_back(before, dq[:, line]), angle)
-        q[:, at] += _rotate(before, shift)
-        q[:, e] = _product(before, half)
-        u, w, dw = _back(before, motion.v[:, line]), motion.v[:, turn], dv[:, turn]
-        a = _back(before, motion.vd[:, line])
-        du = _back(before, dv[:, line]) - np.cross(angle, u)
-        da = _back(before, dvd[:, line]) - np.cross(angle, a)
+        shift, half = screw(rotate_back(before, dq[:, line]), angle)
+        q[:, at] += rotate(before, shift)
+        q[:, e] = product(before, half)
+        u, w, dw = rotate_back(before, motion.v[:, line]), motion.v[:, turn], dv[:, turn]
+        a = rotate_back(before, motion.vd[:, line])
+        du = rotate_back(before, dv[:, line]) - np.cross(angle, u)
+        da = rotate_back(before, dvd[:, line]) - np.cross(angle, a)
         da -= np.cross(dw, u) + np.cross(w, du)
         rates = a - np.cross(w, u) + da + np.cross(w + dw, u + du)
-        v[:, line], vd[:, line] = _rotate(q[:, e], u + du), _rotate(q[:, e], rates)
+        v[:, line], vd[:, line] = rotate(q[:, e], u + du), rotate(q[:, e], rates)
     if n := len(layout.coordinates):
         q[:, -n:] += dq[:, -n:]
     return q, v, vd
 
 
-def _screw(d: Array, angle: Array) -> tuple[Array, Array]:
+def screw(d: Array, angle: Array) -> tuple[Array, Array]:
     """Displacement (n, 3) and quaternion (n, 4) of exp(d, θ)."""
     size = np.linalg.norm(angle, axis=1)[:, None]
     small = size < _SERIES
@@ -360,18 +363,18 @@ def _screw(d: Array, angle: Array) -> tuple[Array, Array]:
     return d + first * across + second * np.cross(angle, across), turn
 
 
-def _rotate(e: Array, x: Array) -> Array:
+def rotate(e: Array, x: Array) -> Array:
     """Vectors (n, 3) in body axes with quaternions (n, 4), in those of the ground."""
     y = 2.0 * np.cross(e[:, 1:], x)
     return np.asarray(x + e[:, :1] * y + np.cross(e[:, 1:], y))
 
 
-def _back(e: Array, x: Array) -> Array:
+def rotate_back(e: Array, x: Array) -> Array:
     """Vectors in axes of the ground, in those of the body."""
-    return _rotate(e * [1.0, -1.0, -1.0, -1.0], x)
+    return rotate(e * [1.0, -1.0, -1.0, -1.0], x)
 
 
-def _product(a: Array, b: Array) -> Array:
+def product(a: Array, b: Array) -> Array:
     """Products of quaternions."""
     first = a[:, :1] * b[:, :1] - (a[:, 1:] * b[:, 1:]).sum(axis=1, keepdims=True)
     rest = a[:, :1] * b[:, 1:] + b[:, :1] * a[:, 1:] + np.cross(a[:, 1:], b[:, 1:])

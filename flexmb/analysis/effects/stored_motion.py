@@ -279,6 +279,12 @@ class WeightedCoordinates:
         firsts = (body.iv + k for body in self.compiled.layout.bodies for k in (0, 3))
         return [np.flatnonzero((self.used >= at) & (self.used < at + 3)) for at in firsts]
 
+    def rigid(self, names: Sequence[str]) -> IntArray:
+        """Places of the six coordinates of each of the bodies with these names."""
+        firsts = [body.iv for body in self.compiled.layout.bodies if body.name in names]
+        mine = [(self.used >= iv) & (self.used < iv + 6) for iv in firsts]
+        return np.flatnonzero(np.any(mine, axis=0))
+
     def turns(self) -> Array:
         """Rotations (n, used, used) of these vectors from body axes to those of the ground."""
         made = np.tile(np.eye(len(self.used)), (len(self._v), 1, 1))

@@ -5,6 +5,7 @@ In: a compiled model and the rows (states) of a motion. Out: the coefficients at
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -71,6 +72,28 @@ class VariationalEquations:
         if ends:
             rows[-1] = rows[-2]
         return replace(self.part(rows, ("D", "K")), F=self.F + load[rows])
+
+    def without_motions(self, places: Sequence[IntArray]) -> Self:
+        """The equations without the motions that joints leave to some coordinates alone.
+
+        Each of them has an equation without a reaction. `places` are those of each set of
+        coordinates.
+        """
+        made = self
+        for at in places:
+            _, sizes, Vt = np.linalg.svd(made.Cq[:, :, at])
+            rank = numerical_rank(sizes[0])
+            rows = np.zeros((len(Vt), Vt.shape[1] - rank, made.Cq.shape[2]))
+            rows[:, :, at] = Vt[:, rank:]
+            n, k, nu = rows.shape
+            none = np.zeros((n, k, made.rows.shape[2]))
+            by_load = made.friction
+            if by_load is not None:
+                by_load = np.concatenate([by_load, np.zeros((n, nu, k))], axis=2)
+            both = [(made.Cq, rows), (made.C, np.zeros((n, k))), (made.rows, none)]
+            Cq, C, rows = (np.concatenate(pair, axis=1) for pair in both)
+            made = replace(made, Cq=Cq, C=C, rows=rows, friction=by_load)
+        return made
 
     def projection(self, Z: Array) -> Array:
         """Zᵀ (n, d, nu) for forces, less the joint friction that their reactions cause."""

@@ -14,7 +14,9 @@ from flexmb.analysis.effects.contribution import (
     first_change,
     shared,
 )
+from flexmb.analysis.effects.independent_coordinates import choose_coordinates
 from flexmb.analysis.effects.perturbation import respond
+from flexmb.analysis.effects.smooth_pieces import SmoothPieces
 from flexmb.analysis.effects.stored_motion import Motion
 from flexmb.analysis.effects.variational_equations import VariationalEquations
 from flexmb.engine.compile import compile_system
@@ -144,6 +146,32 @@ def test_what_rings_faster_than_the_rows_is_what_neighbours_do_not_tell(phase) -
     cubic = (4.0 * np.cos(phase) - np.cos(2.0 * phase)) / 3.0  # of a vibration, through four rows
     told = fast_shares(model, moves, ("ball.x", "ball.y", "ball.z"))["ball"]
     assert told == pytest.approx(0.01 * (1.0 - cubic) / np.sqrt(2.0) / 2.02, rel=0.02)
+
+
+def test_a_jump_is_no_vibration_and_a_short_vibration_is_one() -> None:
+    model = Model("ball")
+    model.add_body("ball", mass=1.0, inertia=[1.0] * 3)
+    model.add_sensor("ball", "position", of="ball")
+    k, names = np.arange(301.0), ("ball.x", "ball.y", "ball.z")
+    moves = np.zeros((301, 3))
+    moves[:, 0] = np.sin(0.02 * k) + (k > 60) - 0.7 * (k > 200)
+    assert fast_shares(model, moves, names)["ball"] < 1e-6
+    moves[100:130, 0] += 0.02 * np.sin(1.5 * k[100:130])
+    assert fast_shares(model, moves, names)["ball"] > 5e-4
+
+
+def test_other_coordinates_are_selected_before_one_moves_without_bounds() -> None:
+    """A link that comes to lie along a guide: its end cannot be moved by the other coordinate.
+
+    It moves by 90/(300 - k) in row k, whose rate a cubic spline tells until nine rows before the
+    pole.
+    """
+    n = 298
+    Cq = np.stack([300.0 - np.arange(n), np.full(n, 90.0)], axis=1)[:, None]
+    of = SimpleNamespace(Cq=Cq, C=np.zeros((n, 1)), prefer=np.ones(2))
+    Z = choose_coordinates(of, 0, n).Z[:, 0, 0]
+    rows = SmoothPieces(np.arange(float(len(Z))), np.zeros(0, int))
+    np.testing.assert_allclose(rows.rate(Z), Z**2 / -90.0, rtol=0.02)
 
 
 def test_round_off_of_a_sensor_at_rest_does_not_ring() -> None:
