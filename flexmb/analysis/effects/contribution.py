@@ -277,10 +277,15 @@ def estimate(
     start = first_change(other, model, carried) if begins_as_placed else None
     made = respond(other, carried, balance, start, quasi_static=quasi_static, jumps=jumps)
     if idle := idle_bodies(other, model, carried, made.dq):
-        still = [
-            respond(other, one, balance, start, quasi_static=quasi_static, jumps=jumps, idle=idle)
-            for one in turned_motions(other, carried, idle)
-        ]
+        still = []
+        for one in turned_motions(other, carried, idle):
+            if start is not None and still:
+                start = first_change(replace(other, initial_q=one.q[0]), model, one)
+            still.append(
+                respond(
+                    other, one, balance, start, quasi_static=quasi_static, jumps=jumps, idle=idle
+                )
+            )
         changes = np.array([one.channels for one in still])
         largest = np.abs(changes).max(axis=1).argmax(axis=0)
         change = np.take_along_axis(changes, largest[None, None], 0)[0]
