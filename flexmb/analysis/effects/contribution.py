@@ -277,7 +277,7 @@ def estimate(
     start = first_change(other, model, carried) if begins_as_placed else None
     made = respond(other, carried, balance, start, quasi_static=quasi_static, jumps=jumps)
     if idle := idle_bodies(other, model, carried, made.dq):
-        still = []
+        still: list[Response] = []
         for one in turned_motions(other, carried, idle):
             if start is not None and still:
                 start = first_change(replace(other, initial_q=one.q[0]), model, one)
