@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 # Change of a deflection over (Ω/ω₁)² from which on a body turns so far from the axis that its speed
 # alone does not tell that: about an axis at its end less than half of that.
 _FAR_FROM_AXIS = 2.0
+_OF_VIBRATIONS = ("load_factor", "loaded_frequency", "inertia")  # limits of linearised motions
 
 
 class ValidityMonitor:
@@ -132,10 +133,8 @@ class ValidityMonitor:
         By its inertia coupling in its frame, by rotation without stiffening, or by loads that
         buckle it, up to the last state of the run.
         """
-        none = np.zeros((1, 0))
-        motion = (state.q, state.v, state.vd, state.lam)
-        if all(np.isfinite(one).all() for one in motion):
-            last = OutputBlock(state.t[:1].copy(), *(one[None] for one in motion), *[none] * 4)
+        last = _row_of(state)
+        if all(np.isfinite(one).all() for one in (last.q, last.v, last.vd, last.lam)):
             self._elasticity.add(last)
             self._load_factor.add_last(last)
             if self._inertia:
@@ -168,6 +167,20 @@ class ValidityMonitor:
                 )
                 return f"{cause} (bound {bound:g}; {way_on})"
         return ""
+
+
+def limits_of_vibrations(compiled: Compiled, model: Model, state: State) -> list[str]:
+    """Sentences on bodies whose loads or frame spoil their vibrations about a state."""
+    monitor = ValidityMonitor(compiled, model, state.q, is_motion=False)
+    monitor.add(_row_of(state))
+    return [one.text() for one in monitor.exceeded() if one.quantity in _OF_VIBRATIONS]
+
+
+def _row_of(state: State) -> OutputBlock:
+    """The row of a state, without sensors and reactions."""
+    motion = (state.q, state.v, state.vd, state.lam)
+    none = np.zeros((1, 0))
+    return OutputBlock(state.t[:1].copy(), *(one[None] for one in motion), *[none] * 4)
 
 
 def _inertia_monitor(
