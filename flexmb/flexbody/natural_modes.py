@@ -123,6 +123,17 @@ def _null_space(rows: FloatArray, size: FloatArray) -> FloatArray:
     return np.asarray(null_space(scaled / np.where(largest > 0.0, largest, 1.0)) / size[:, None])
 
 
+def mean_motion(body: FlexBody) -> FloatArray:
+    """(6, m) mean translation at the origin and mean rotation per unit of modal coordinates.
+
+    Those of its mean axes: zero in a frame that is these axes.
+    """
+    P = body.P - body.center[:, None, None] * body.p
+    moments = np.array([P[a, b] - P[b, a] for a, b in _PAIRS])
+    turn = np.linalg.pinv(body.inertia_about_center) @ moments
+    return np.vstack([body.p / body.mass + skew(body.center) @ turn, turn])
+
+
 def matrices_at_rest(body: FlexBody) -> tuple[FloatArray, FloatArray]:
     """Mass and stiffness (6 + m, 6 + m) at rest; order: translation, rotation about the origin,
     eta."""

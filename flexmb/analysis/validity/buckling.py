@@ -29,7 +29,7 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.joints import DOT1
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, IntArray, skew
-from flexmb.flexbody.natural_modes import matrices_at_rest
+from flexmb.flexbody.natural_modes import matrices_at_rest, mean_motion
 from flexmb.flexbody.parts import Interface
 from flexmb.flexbody.static_response import SYMMETRIC_PAIRS, OmittedStiffening
 
@@ -76,7 +76,7 @@ class LoadedMechanism:
                 body, M = None, _rigid_mass(entry)
             else:
                 M, self._K[part, part] = matrices_at_rest(body)
-                mean = np.array([np.concatenate(_mean_motion(body, eta)) for eta in np.eye(m)]).T
+                mean = mean_motion(body)
             self._root[part, part] = _square_root(M)
             number = len(self._bodies)
             self._bodies.append((entry, part, body, mean))
@@ -404,14 +404,6 @@ def _square_root(M: Array) -> Array:
     size = np.sqrt(M.diagonal())
     values, X = np.linalg.eigh(M / np.outer(size, size))
     return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, None] * X.T * size)
-
-
-def _mean_motion(body: FlexBody, eta: Array) -> tuple[Array, Array]:
-    """Mean translation at the origin and mean rotation (3,) of modal coordinates eta (m,)."""
-    P = body.P @ eta - np.outer(body.center, body.p @ eta)
-    moment = np.array([P[1, 2] - P[2, 1], P[2, 0] - P[0, 2], P[0, 1] - P[1, 0]])
-    turn = np.linalg.pinv(body.inertia_about_center) @ moment
-    return body.p @ eta / body.mass - np.cross(turn, body.center), turn
 
 
 def _mass_by_axes(body: FlexBody) -> Array:

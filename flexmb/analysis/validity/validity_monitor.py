@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 # Change of a deflection over (Ω/ω₁)² from which on a body turns so far from the axis that its speed
 # alone does not tell that: about an axis at its end less than half of that.
 _FAR_FROM_AXIS = 2.0
-_OF_VIBRATIONS = ("load_factor", "loaded_frequency", "inertia")  # limits of linearised motions
+_OF_VIBRATIONS = ("load_factor", "loaded_frequency")  # limits of linearised motions
 
 
 class ValidityMonitor:
@@ -170,7 +170,7 @@ class ValidityMonitor:
 
 
 def limits_of_vibrations(compiled: Compiled, model: Model, state: State) -> list[str]:
-    """Sentences on bodies whose loads or frame spoil their vibrations about a state."""
+    """Sentences on bodies whose loads spoil their vibrations about a state."""
     monitor = ValidityMonitor(compiled, model, state.q, is_motion=False)
     monitor.add(_row_of(state))
     return [one.text() for one in monitor.exceeded() if one.quantity in _OF_VIBRATIONS]
