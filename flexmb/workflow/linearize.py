@@ -94,9 +94,8 @@ def _linearize(system: CompiledModel, time: Time | None, about: str, frame: str)
     from flexmb.analysis.validity.validity_monitor import limits_of_vibrations
 
     first = state_of(system, time, about)
-    at = first.compiled, system.model, first.state
-    made = linearize_state(*at, frame=frame)
-    return replace(made, notes=(*made.notes, *limits_of_vibrations(*at)))
+    made = linearize_state(first.compiled, system.model, first.state, frame=frame)
+    return replace(made, notes=(*made.notes, *limits_of_vibrations(made)))
 
 
 def state_of(system: CompiledModel, time: Time | None, about: str) -> Assembled | Equilibrium:

@@ -246,11 +246,11 @@ def test_the_load_factors_of_many_rows_are_those_of_each(monkeypatch):
     run = flexmb.simulate(model, duration=1.0, outputs=20, start="quasi-static")
     at = ModelVariants.of(run, 21)
     monitor, rows = LoadFactorMonitor(at.compiled, model, at.motion.q[0]), at.rows()
-    values = monitor._values(rows, np.arange(len(at.motion.t)))[:, 0]
+    values = monitor._values(rows, np.arange(len(at.motion.t)))[0][:, 0]
     np.testing.assert_allclose(values, 9 * at.motion.t / np.pi**2, atol=0.01)
     monkeypatch.setattr("flexmb.analysis.validity.load_factor._MAX_ENTRIES", 400)
     some = np.array([20, 3, 11])
-    np.testing.assert_allclose(monitor._values(rows, some)[:, 0], values[some], rtol=1e-9)
+    np.testing.assert_allclose(monitor._values(rows, some)[0][:, 0], values[some], rtol=1e-9)
 
 
 def test_equal_columns_of_a_frame_buckle_together(all_are_told, monkeypatch):

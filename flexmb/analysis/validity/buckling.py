@@ -40,6 +40,12 @@ _RIGID_SHARE = 1e-9  # ω² over the largest one, below which a motion deforms n
 # Imaginary part of a load factor over its real part, up to which it counts: equal buckling loads
 # of a round or square column become a conjugate pair by a small torque.
 _REAL = 0.2
+# Load factor without fields that are left out over that with them, below which those are not
+# counted beside loads that turn: where nothing buckles, eigenvalues are of any small size.
+_SAME_FACTOR = 0.5
+# Stiffness by turning loads that is not symmetric, over all of them, from which on vibrations
+# without it have no meaning.
+_TURNING_SHARE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,15 +160,16 @@ class LoadedMechanism:
         """Set the load factors of `rows` by motions V (rows, nv + r, k + r) of unit strain energy,
         and the stiffness that they lose."""
         if len(self._turning):
-            every, shapes = np.linalg.eig(loss)
-            real = np.abs(every.imag) <= _REAL * every.real
-            every = np.where(real, every.real, 0.0)
-            largest = every.argmax(axis=1)[:, None]
-            factors = np.take_along_axis(every, largest, axis=1)
-            shapes = np.take_along_axis(shapes.real, largest[:, None], axis=2)
+            factors, shape = _largest_real(loss)
+            k = loss.shape[1] - (self._size - len(self._K))
+            alone, own = _largest_real(loss[:, :k, :k])
+            apart = alone < _SAME_FACTOR * factors
+            factors = np.where(apart, alone, factors)
+            shape[apart[:, 0], :k], shape[apart[:, 0], k:] = own[apart[:, 0]], 0.0
         else:
             factors, shapes = np.linalg.eigh(0.5 * (loss + loss.transpose(0, 2, 1)))
-        x = (V @ shapes[:, :, -1:])[..., 0]
+            shape = shapes[:, :, -1]
+        x = (V @ shape[..., None])[..., 0]
         parts = [part for _, part, *_ in self._bodies]
         energy = np.array(
             [((x[:, own] @ self._K[own, own]) * x[:, own]).sum(axis=1) for own in parts]
@@ -361,6 +368,15 @@ class _OmittedFields:
         K[:, self.rows, self.rows] += np.tensordot(c, self.of.own, 1)
 
 
+def _largest_real(loss: Array) -> tuple[Array, Array]:
+    """The largest real eigenvalue (n, 1) of matrices (n, k, k), zero if none, and its vector."""
+    every, shapes = np.linalg.eig(loss)
+    every = np.where(np.abs(every.imag) <= _REAL * every.real, every.real, 0.0)
+    largest = every.argmax(axis=1)[:, None]
+    vector = np.take_along_axis(shapes.real, largest[:, None], axis=2)[..., 0]
+    return np.take_along_axis(every, largest, axis=1), vector
+
+
 def _frequency_changes(loss: Array, omega: Array) -> tuple[Array, Array, Array]:
     """The natural frequency under loads (n,) that fields which are left out lower most, and the
     part of it (n,) that they take, 1 if all; and what they move by in its shape (n, r).
@@ -377,6 +393,8 @@ def _frequency_changes(loss: Array, omega: Array) -> tuple[Array, Array, Array]:
     buckled = np.linalg.eigvalsh(rest)[:, :1] <= 0.0
     left = np.where(buckled, 0.0, after.clip(0.0) / np.where(before > 0.0, before, 1.0))
     lost = np.where(before > 0.0, 1.0 - np.sqrt(left.clip(0.0, 1.0)), 0.0)
+    skewed = np.abs(loss - loss.transpose(0, 2, 1)).max(axis=(1, 2))
+    lost[skewed > _TURNING_SHARE * np.abs(loss).max(axis=(1, 2))] = 0.0
     most = lost.argmax(axis=1)[:, None]
     shape = omega * np.take_along_axis(shapes, most[:, None], axis=2)[..., 0]
     moved = (follow @ shape[..., None])[..., 0]

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.analysis.linear.linearization import Linearization
 from flexmb.analysis.monitors import Indicator, Monitor
 from flexmb.analysis.validity.frequency_error import FrequencyErrorMonitor
 from flexmb.analysis.validity.linear_elasticity import (
@@ -40,7 +41,6 @@ if TYPE_CHECKING:
 # Change of a deflection over (Ω/ω₁)² from which on a body turns so far from the axis that its speed
 # alone does not tell that: about an axis at its end less than half of that.
 _FAR_FROM_AXIS = 2.0
-_OF_VIBRATIONS = ("load_factor", "loaded_frequency")  # limits of linearised motions
 
 
 class ValidityMonitor:
@@ -169,11 +169,13 @@ class ValidityMonitor:
         return ""
 
 
-def limits_of_vibrations(compiled: Compiled, model: Model, state: State) -> list[str]:
-    """Sentences on bodies whose loads spoil their vibrations about a state."""
-    monitor = ValidityMonitor(compiled, model, state.q, is_motion=False)
-    monitor.add(_row_of(state))
-    return [one.text() for one in monitor.exceeded() if one.quantity in _OF_VIBRATIONS]
+def limits_of_vibrations(made: Linearization) -> list[str]:
+    """Sentences on bodies whose modes or loads spoil the vibrations about a state."""
+    of = made.compiled, made.model
+    monitor = LoadFactorMonitor(*of, made.state.q, is_motion=False)
+    monitor.add(_row_of(made.state))
+    notes = [one.text() for one in monitor.indicators() if one.value > one.warning]
+    return [*notes, *ModalBasisMonitor(*of, is_motion=False).notes_of_modes(made)]
 
 
 def _row_of(state: State) -> OutputBlock:
