@@ -134,6 +134,21 @@ def mean_motion(body: FlexBody) -> FloatArray:
     return np.vstack([body.p / body.mass + skew(body.center) @ turn, turn])
 
 
+def mass_by_axes(body: FlexBody) -> FloatArray:
+    """(3, 3, 6 + m, 6 + m) ∫ρ u_a u_b of translation, rotation and modes u, body axes."""
+    m, turn = body.m, -np.array([skew(axis) for axis in np.eye(3)])  # (θ × s)_a = θ·turn_a s
+    M = np.zeros((3, 3, 6 + m, 6 + m))
+    for a in range(3):
+        for b in range(3):
+            one = M[a, b]
+            one[a, b], one[a, 3:6], one[a, 6:] = body.mass, turn[b] @ body.S1, body.p[b]
+            one[3:6, b], one[6:, b] = turn[a] @ body.S1, body.p[a]
+            one[3:6, 3:6], one[6:, 6:] = turn[a] @ body.S0 @ turn[b].T, body.Mab[a, b]
+            one[3:6, 6:] = turn[a] @ body.P[:, b]
+            one[6:, 3:6] = (turn[b] @ body.P[:, a]).T
+    return M
+
+
 def matrices_at_rest(body: FlexBody) -> tuple[FloatArray, FloatArray]:
     """Mass and stiffness (6 + m, 6 + m) at rest; order: translation, rotation about the origin,
     eta."""

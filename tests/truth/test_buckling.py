@@ -12,6 +12,8 @@ import pytest
 from accuracyscenes import beside_a_large_motion
 from femeshes import block, line, solid_box
 from flexiblescenes import rod
+from numpy.polynomial import Polynomial
+from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 import flexmb
@@ -325,3 +327,46 @@ def test_a_body_that_only_follows_its_loads_has_a_load_factor():
     made.add_sensor("ball", "position", of="ball")
     run = flexmb.simulate(made, duration=0.05, accuracy=1e-3, verify=False)
     assert run.status == "finished" and not [note for note in run.notes if "buckle" in note]
+
+
+@pytest.mark.parametrize("on_column", [True, False])
+def test_a_column_under_a_plane_that_turns_or_not(on_column, all_are_told, monkeypatch):
+    """A slider pushes on a plane across the tip, or with its own plane: then it is a cantilever.
+
+    On the plane of the tip, with deflection w and slope θ there, the slider moves by w θ − ∫w′²/2.
+    """
+    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t:
+                        f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
+    w = [Polynomial([0] * k + [1]) for k in range(2, 10)]
+    both = [[(a.deriv() * b.deriv()).integ()(1) for b in w] for a in w]
+    tip = [[a(1) * b.deriv()(1) + b(1) * a.deriv()(1) for b in w] for a in w]
+    bent = [[(a.deriv(2) * b.deriv(2)).integ()(1) for b in w] for a in w]
+    lost = np.array(both) - np.array(tip) * on_column
+    critical = 1.0 / eigh(lost, bent, eigvals_only=True)[-1]  # 7.83, or a quarter of π²
+    model = loaded("cantilever", 0.0)
+    del model.forces["load"]
+    model.add_body("slider", mass=1e-3, inertia=[1e-3] * 3, position=[1, 0, 0])
+    model.add_joint("guide", "prismatic", between=["ground.tip", "slider"], axis="x")
+    ends = ["column.tip", "slider"] if on_column else ["slider", "column.tip"]
+    model.add_joint("plane", "in-plane", between=ends, axis="x")
+    model.add_force("load", "force", at="slider", value=[-0.5 * critical, 0, 0])
+    assert load_factor(model) == pytest.approx(0.5, rel=0.01)
+
+
+@pytest.mark.parametrize("length", [0.5, 1.0, 3.0])
+def test_a_column_that_a_rod_pulls_down(length, all_are_told, monkeypatch):
+    """A rod of length a from its tip to the line of the column: − ∫w′²/2 + w²/(2 a) by its pull."""
+    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t:
+                        f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
+    w = [Polynomial([0] * k + [1]) for k in range(2, 10)]
+    lost = [[(a.deriv() * b.deriv()).integ()(1) - a(1) * b(1) / length for b in w] for a in w]
+    bent = [[(a.deriv(2) * b.deriv(2)).integ()(1) for b in w] for a in w]
+    critical = 1.0 / eigh(lost, bent, eigvals_only=True)[-1]
+    model = loaded("cantilever", 0.0)
+    del model.forces["load"]
+    model.add_body("slider", mass=1e-3, inertia=[1e-3] * 3, position=[1 - length, 0, 0])
+    model.add_marker("ground.low", position=[1 - length, 0, 0])
+    model.add_joint("guide", "prismatic", between=["ground.low", "slider"], axis="x")
+    model.add_joint("rod", "distance", between=["column.tip", "slider"])
+    model.add_force("load", "force", at="slider", value=[-0.5 * critical, 0, 0])
+    assert load_factor(model) == pytest.approx(0.5, rel=0.01)

@@ -6,11 +6,12 @@ whole mechanism that deform it. Fields that the modes leave out deform it too, a
 tell (:class:`flexmb.flexbody.OmittedStiffening`). Without them natural frequencies under the loads
 are too high: those that are left out follow the modes statically.
 
-Moments are conjugate to rotation vectors (semitangential), to which the rows of joints that keep
-axes perpendicular add their own curvature. A force in the axes of a marker turns with it, and a
-torque is conjugate to the spin, which adds an unsymmetric stiffness. Only real μ count then: a
-column under a force that follows its tip never buckles, but flutters (Beck, Z. angew. Math. Phys.
-3, 1952), which is a motion that the equations describe.
+Moments are conjugate to rotation vectors (semitangential), and forces have constant directions. To
+these the rows of joints add their own curvature: axes, lines and planes turn with bodies. A force
+in the axes of a marker turns with it, and a torque is conjugate to the spin, which adds an
+unsymmetric stiffness. Only real μ count then: a column under a force that follows its tip never
+buckles, but flutters (Beck, Z. angew. Math. Phys. 3, 1952), which is a motion that the equations
+describe.
 
 Sources: Timoshenko & Gere, Theory of Elastic Stability, §2.2; Bolotin, Nonconservative Problems of
 the Theory of Elastic Stability, 1963, ch. 2.
@@ -23,13 +24,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.assembly.jacobian import ConstraintRows, numerical_rank
+from flexmb.analysis.assembly.jacobian import ConstraintRows, numerical_rank, row_tangent
 from flexmb.engine.algebra.forms import bend_of
 from flexmb.engine.compile import Compiled
-from flexmb.engine.joints import DOT1
+from flexmb.engine.joints import ROW_KINDS
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, IntArray, skew
-from flexmb.flexbody.natural_modes import matrices_at_rest, mean_motion
+from flexmb.flexbody.natural_modes import mass_by_axes, matrices_at_rest, mean_motion
 from flexmb.flexbody.parts import Interface
 from flexmb.flexbody.static_response import SYMMETRIC_PAIRS, OmittedStiffening
 
@@ -51,7 +52,7 @@ _TURNING_SHARE = 1e-3
 @dataclass(frozen=True, eq=False)
 class Loads:
     """Loads at n times of a run: q, v, vd; wrenches at markers (n, markers, 6) in global axes,
-    their arms in body axes; the axes A (n, bodies, 3, 3) of all bodies and R of all markers;
+    their arms in body axes; the axes A (n, bodies, 3, 3) of all bodies; places and axes of markers;
     multipliers of the rows; those forces and torques (n, k, 3) that are not conservative."""
 
     q: Array
@@ -60,6 +61,7 @@ class Loads:
     wrenches: Array
     s: Array
     A: Array
+    x: Array
     R: Array
     lam: Array
     turning: Array
@@ -94,7 +96,7 @@ class LoadedMechanism:
         self._owners = np.array([one.body for one in self._omitted], np.int64)
         self._starts = [one.rows.start - nv for one in self._omitted]
         flexible = [(part, body) for _, part, body, _ in self._bodies if body is not None]
-        self._masses = [(part, _mass_by_axes(body)) for part, body in flexible if first > nv]
+        self._masses = [(part, mass_by_axes(body)) for part, body in flexible if first > nv]
 
     def load_factors(self, loads: Loads) -> tuple[Array, Array, Array]:
         """Load factors, and what fields that are left out do to natural frequencies under loads.
@@ -109,7 +111,7 @@ class LoadedMechanism:
             The part of it that would be lost with them, by the body that lacks most.
         """
         n, Kg = len(loads.q), self._geometric_stiffness(loads)
-        self._add_axes_of_joints(loads, Kg)
+        self._add_curved_rows(loads, Kg)
         self._add_turning_loads(loads, Kg)
         poses = [self._rows.evaluate(q).jacobian for q in loads.q]
         _, S, Vt = np.linalg.svd(np.array([pose.A for pose in poses]))
@@ -231,30 +233,40 @@ class LoadedMechanism:
             Kb[:, 3:, :3] = Kb[:, :3, 3:].transpose(0, 2, 1)
         return K
 
-    def _add_axes_of_joints(self, loads: Loads, K: Array) -> None:
-        """Add to K (n, nv, nv) the curvature of the rows a·b of axes of two markers.
+    def _add_curved_rows(self, loads: Loads, K: Array) -> None:
+        """Add to K (n, nv, nv) the curvature of loaded rows of joints, whose direction turns.
 
-        With rotations α and β of the markers, its part of second order beside that of these
-        rotations is (α·a)(α·b)/2 + (β·a)(β·b)/2 - (β·a)(α·b) where a·b = 0.
+        It is that in the positions and rotation vectors of their markers: the symmetric part of the
+        tangent, which is that in spins.
         """
         rows, markers = self._compiled.system.rows, self._compiled.system.parts.markers
-        for k in np.flatnonzero((rows["kind"] == DOT1) & (loads.lam != 0.0).any(axis=0)):
-            ends = [int(rows[k][side]) for side in "IJ"]
-            a, b = (loads.R[:, at, :, rows[k][axis]] for at, axis in zip(ends, "ab", strict=True))
-            bodies = [int(markers["body"][at]) for at in ends]
-            H = [
-                loads.A[:, body] @ self._rotation(at) if body >= 0 else None
-                for body, at in zip(bodies, ends, strict=True)
+        curved = np.array([kind.tangent is not None for kind in ROW_KINDS])[rows["kind"]]
+        for k in np.flatnonzero(curved & (loads.lam != 0.0).any(axis=0)):
+            row = rows[k]
+            kind, ends = (int(row["kind"]), int(row["a"]), int(row["b"])), (row["I"], row["J"])
+            H = np.array([
+                row_tangent(kind, lam[k], *(y for at in ends for y in (x[at], R[at])))
+                for lam, x, R in zip(loads.lam, loads.x, loads.R, strict=True)
+            ])  # fmt: skip
+            H = 0.5 * (H + H.transpose(0, 2, 1))
+            moved = [
+                (6 * i, self._bodies[markers["body"][at]][1], self._motion(loads, at))
+                for i, at in enumerate(ends)
+                if markers["body"][at] >= 0
             ]
-            both = loads.lam[:, k, None, None] * a[:, :, None] * b[:, None]
-            for i, j in ((0, 0), (1, 1), (0, 1), (1, 0)):
-                first, second = H[i], H[j]
-                if first is None or second is None:
-                    continue
-                part = 0.5 * (both + both.transpose(0, 2, 1)) if i == j else -both
-                part = part.transpose(0, 2, 1) if (i, j) == (0, 1) else part
-                own, other = self._bodies[bodies[i]][1], self._bodies[bodies[j]][1]
-                K[:, own, other] += first.transpose(0, 2, 1) @ part @ second
+            for i, own, first in moved:
+                for j, other, second in moved:
+                    block = H[:, i : i + 6, j : j + 6]
+                    K[:, own, other] += first.transpose(0, 2, 1) @ block @ second
+
+    def _motion(self, loads: Loads, at: int) -> Array:
+        """(n, 6, 6 + m) motion and rotation of a marker, global axes, per velocity of its body."""
+        number = int(self._compiled.system.parts.markers["body"][at])
+        A, modes = loads.A[:, number], self._modes(at)
+        J = np.zeros((len(A), 6, 6 + modes.shape[1]))
+        J[:, :3, :3] = J[:, 3:, 3:6] = np.eye(3)
+        J[:, :3, 3:6], J[:, :, 6:] = -skew(loads.s[:, at]), modes
+        return np.concatenate([A @ J[:, :3], A @ J[:, 3:]], axis=1)
 
     def _add_turning_loads(self, loads: Loads, K: Array) -> None:
         """Add to K (n, nv, nv) the stiffness of forces that turn with a marker, and of torques.
@@ -422,21 +434,6 @@ def _square_root(M: Array) -> Array:
     size = np.sqrt(M.diagonal())
     values, X = np.linalg.eigh(M / np.outer(size, size))
     return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, None] * X.T * size)
-
-
-def _mass_by_axes(body: FlexBody) -> Array:
-    """(3, 3, 6 + m, 6 + m) ∫ρ u_a u_b of translation, rotation and modes u, body axes."""
-    m, turn = body.m, -np.array([skew(axis) for axis in np.eye(3)])  # (θ × s)_a = θ·turn_a s
-    M = np.zeros((3, 3, 6 + m, 6 + m))
-    for a in range(3):
-        for b in range(3):
-            one = M[a, b]
-            one[a, b], one[a, 3:6], one[a, 6:] = body.mass, turn[b] @ body.S1, body.p[b]
-            one[3:6, b], one[6:, b] = turn[a] @ body.S1, body.p[a]
-            one[3:6, 3:6], one[6:, 6:] = turn[a] @ body.S0 @ turn[b].T, body.Mab[a, b]
-            one[3:6, 6:] = turn[a] @ body.P[:, b]
-            one[6:, 3:6] = (turn[b] @ body.P[:, a]).T
-    return M
 
 
 def _rigid_mass(entry: np.void) -> Array:

@@ -216,7 +216,7 @@ class LoadFactorMonitor:
     def loads(self, rows: OutputBlock, which: IntArray) -> Loads:
         """The wrenches at all markers at the rows `which`."""
         state, work, solve = self._scratch
-        wrenches, arms, axes, frames, turning = [], [], [], [], []
+        wrenches, arms, axes, places, frames, turning = [], [], [], [], [], []
         for row in which:
             state.t[0] = rows.t[row]
             for name in ("q", "v", "vd", "lam"):
@@ -225,13 +225,15 @@ class LoadFactorMonitor:
             wrenches.append(self._wrenches(work, state.lam))
             arms.append(work.now.marker["s"].copy())
             axes.append(work.now.body["A"].copy())
+            places.append(work.now.marker["x"].copy())
             frames.append(work.now.marker["R"].copy())
             u, own = work.con.fun[self._turning["fun"], 0], self._turning["axes"][:, None, None]
             R = np.where(own >= 0, frames[-1][self._turning["axes"]], np.eye(3))
             turning.append(np.einsum("kij,kj->ki", R, self._turning["factor"] * u))
         q, v, vd, lam = (getattr(rows, name)[which] for name in ("q", "v", "vd", "lam"))
-        W, s, A, R, F = (np.array(one) for one in (wrenches, arms, axes, frames, turning))
-        return Loads(q, v, vd, W, s, A, R, lam, F)
+        every = wrenches, arms, axes, places, frames, turning
+        W, s, A, x, R, F = (np.array(one) for one in every)
+        return Loads(q, v, vd, W, s, A, x, R, lam, F)
 
     def _wrenches(self, work: Work, lam: Array) -> Array:
         """(markers, 6) wrenches, with those of point joints, which the engine does not store."""
