@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from flexmb.analysis.assembly.jacobian import ConstraintRows, numerical_rank, row_tangent
 from flexmb.engine.algebra.forms import bend_of
 from flexmb.engine.compile import Compiled
-from flexmb.engine.joints import ROW_KINDS
+from flexmb.engine.joints import DOT1, ROW_KINDS
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, IntArray, skew
 from flexmb.flexbody.natural_modes import mass_by_axes, matrices_at_rest, mean_motion
@@ -244,10 +244,17 @@ class LoadedMechanism:
         for k in np.flatnonzero(curved & (loads.lam != 0.0).any(axis=0)):
             row = rows[k]
             kind, ends = (int(row["kind"]), int(row["a"]), int(row["b"])), (row["I"], row["J"])
-            H = np.array([
-                row_tangent(kind, lam[k], *(y for at in ends for y in (x[at], R[at])))
-                for lam, x, R in zip(loads.lam, loads.x, loads.R, strict=True)
-            ])  # fmt: skip
+            if kind[0] == DOT1:  # all at once, since they are most
+                H = np.zeros((len(loads.q), 12, 12))
+                a, b = (loads.R[:, at, :, c] for at, c in zip(ends, kind[1:], strict=True))
+                both = loads.lam[:, k, None, None] * a[:, :, None] * b[:, None]
+                H[:, 3:6, 3:6] = H[:, 9:, 9:] = both
+                H[:, 9:, 3:6], H[:, 3:6, 9:] = -both, -both.transpose(0, 2, 1)
+            else:
+                H = np.array([
+                    row_tangent(kind, lam[k], *(y for at in ends for y in (x[at], R[at])))
+                    for lam, x, R in zip(loads.lam, loads.x, loads.R, strict=True)
+                ])  # fmt: skip
             H = 0.5 * (H + H.transpose(0, 2, 1))
             moved = [
                 (6 * i, self._bodies[markers["body"][at]][1], self._motion(loads, at))
