@@ -251,7 +251,9 @@ def reduce(
         body = with_load_responses(body, fe, reduced, elastic, load_points, mirror, progress)
     if stiffens:
         loaded = [] if rigid else load_nodes(body.nodes, load_points)
-        body = with_geometric_stiffening(body, fe, elastic.Phi, ends, patterns, loaded, progress)
+        body = with_geometric_stiffening(
+            body, fe, elastic.Phi, ends, patterns, loaded, progress, mirror, reduction != "user"
+        )
     if mirror is None:
         body = with_membrane_stiffness(body, fe, reduced, elastic, progress)
     else:

@@ -27,7 +27,12 @@ from flexmb.flexbody.arrays import Checker, FloatArray, is_nonzero
 from flexmb.flexbody.damping import DampingOptions
 from flexmb.flexbody.membrane_stiffness import MembraneStiffness
 from flexmb.flexbody.parts import Interface, LoadVector, ModeInfo, NodeModes, Surface
-from flexmb.flexbody.static_response import InertiaResponse, LoadResponse, OmittedModes
+from flexmb.flexbody.static_response import (
+    InertiaResponse,
+    LoadResponse,
+    OmittedModes,
+    OmittedStiffening,
+)
 from flexmb.flexbody.stress_modes import (
     OmittedStress,
     SectionForceModes,
@@ -99,6 +104,8 @@ class FlexBody:
         The same for loads at mesh nodes.
     omitted_modes : OmittedModes, optional
         The lowest modes that the reduction leaves out.
+    omitted_stiffening : OmittedStiffening, optional
+        Geometric stiffness of fields that the modes leave out.
     membrane_stiffness : MembraneStiffness, optional
         Of a plate or shell: strain energy of its stretching as it bends, which the equations of
         motion leave out.
@@ -134,6 +141,7 @@ class FlexBody:
     inertia_response: InertiaResponse | None = None
     load_response: LoadResponse | None = None
     omitted_modes: OmittedModes | None = None
+    omitted_stiffening: OmittedStiffening | None = None
     membrane_stiffness: MembraneStiffness | None = None
 
     def __post_init__(self) -> None:
@@ -314,7 +322,8 @@ def _check_parts(body: FlexBody, check: Checker) -> None:
         for load in body.loads for point in load.points
     }  # fmt: skip
     arrays = dict.fromkeys(("surface", "stress", "section_forces", "shell_forces"), "modes")
-    arrays |= {"nodes": "Phi_t", "omitted_modes": "modes", "membrane_stiffness": "shapes"}
+    arrays |= {"nodes": "Phi_t", "membrane_stiffness": "shapes"}
+    arrays |= dict.fromkeys(("omitted_modes", "omitted_stiffening"), "modes")
     for name, array in arrays.items():
         if (owner := getattr(body, name)) is not None:
             columns[name] = getattr(owner, array).shape[-1]

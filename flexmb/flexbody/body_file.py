@@ -4,8 +4,8 @@ A file is HDF5 with the attributes format, version, name and mass at its root, a
 ``TABLE``. Lengths are symbols: m modal coordinates, c candidate modes, i interfaces, n surface
 points, t triangles, l lines, k nodes, e places with stress, g parts and y layers of these, b beams,
 h places of shells, j parts of these, d loads, r nodes with w loads, o omitted modes under v loads,
-u groups of nodes with x entries, f nodes with a bend, s entries of provenance. All in SI, body
-frame; a group may be empty only where the table says so.
+F fields left out with forms of L loads, u groups of nodes with x entries, f nodes with a bend, s
+entries of provenance. All in SI, body frame; a group may be empty only where the table says so.
 
 In: a body and a path, or a path. Out: a file, or the body with exactly the same numbers. Reading is
 strict: a file of another program or version, or one that is incomplete or has numbers that are not
@@ -24,11 +24,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from flexmb.errors import BodyFileError, OutputError, ReductionError
+from flexmb.flexbody import static_response as responses
 from flexmb.flexbody.body import FlexBody
 from flexmb.flexbody.damping import plain_options, read_damping
 from flexmb.flexbody.membrane_stiffness import MembraneStiffness
 from flexmb.flexbody.parts import Interface, LoadPoint, LoadVector, ModeInfo, NodeModes, Surface
-from flexmb.flexbody.static_response import InertiaResponse, LoadResponse, OmittedModes
 from flexmb.flexbody.stress_modes import (
     OmittedStress,
     SectionForceModes,
@@ -128,6 +128,9 @@ TABLE = (
     Dataset("membrane_stiffness/linear", "f8", ("m", "p"), "energy, by pairs of shapes [J]", True),
     Dataset("membrane_stiffness/quadratic", "f8", ("p", "p"), "of products of pairs [J]", True),
     Dataset("omitted_modes/rest", "f8", ("z", "z"), "to accelerations, beyond these [J]", True),
+    Dataset("omitted_stiffening/turns", "f8", ("L", "F", 3), "of fields left out", True),
+    Dataset("omitted_stiffening/modes", "f8", ("L", "F", "m"), "and modes, per load", True),
+    Dataset("omitted_stiffening/own", "f8", ("L", "F", "F"), "and each other", True),
     Dataset("load_vectors/name", "text", ("d",), "names of the loads", True),
     Dataset("load_vectors/force", "f8", ("d", 3), "resultant [N]", True),
     Dataset("load_vectors/moment", "f8", ("d", 3), "about the body frame's origin [N m]", True),
@@ -152,9 +155,10 @@ _PARTS: dict[str, tuple[str, type]] = {
     "section_forces": ("section_forces", SectionForceModes),
     "shell_forces": ("shell_forces", ShellForceModes),
     "omitted_stress": ("omitted_stress", OmittedStress),
-    "inertia_response": ("inertia_response", InertiaResponse),
-    "load_response": ("load_response", LoadResponse),
-    "omitted_modes": ("omitted_modes", OmittedModes),
+    "inertia_response": ("inertia_response", responses.InertiaResponse),
+    "load_response": ("load_response", responses.LoadResponse),
+    "omitted_modes": ("omitted_modes", responses.OmittedModes),
+    "omitted_stiffening": ("omitted_stiffening", responses.OmittedStiffening),
     "membrane_stiffness": ("membrane_stiffness", MembraneStiffness),
 }
 _NAN_ALLOWED = ("modes/interface_share", "modes/kinetic_share")  # shares that are unknown

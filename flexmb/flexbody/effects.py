@@ -81,7 +81,10 @@ def without_stiffening(body: FlexBody) -> FlexBody:
         for load in body.loads
     )
     nodes = None if body.nodes is None else replace(body.nodes, bend_nodes=None, bend=None)
-    return replace(body, centrifugal_stiffness=None, interfaces=ends, nodes=nodes, loads=loads)
+    return replace(
+        body, centrifugal_stiffness=None, interfaces=ends, nodes=nodes, loads=loads,
+        omitted_stiffening=None,
+    )  # fmt: skip
 
 
 def with_stretching(body: FlexBody) -> FlexBody:

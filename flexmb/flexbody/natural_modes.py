@@ -123,6 +123,32 @@ def _null_space(rows: FloatArray, size: FloatArray) -> FloatArray:
     return np.asarray(null_space(scaled / np.where(largest > 0.0, largest, 1.0)) / size[:, None])
 
 
+def mean_motion(body: FlexBody) -> FloatArray:
+    """(6, m) mean translation at the origin and mean rotation per unit of modal coordinates.
+
+    Those of its mean axes: zero in a frame that is these axes.
+    """
+    P = body.P - body.center[:, None, None] * body.p
+    moments = np.array([P[a, b] - P[b, a] for a, b in _PAIRS])
+    turn = np.linalg.pinv(body.inertia_about_center) @ moments
+    return np.vstack([body.p / body.mass + skew(body.center) @ turn, turn])
+
+
+def mass_by_axes(body: FlexBody) -> FloatArray:
+    """(3, 3, 6 + m, 6 + m) ∫ρ u_a u_b of translation, rotation and modes u, body axes."""
+    m, turn = body.m, -np.array([skew(axis) for axis in np.eye(3)])  # (θ × s)_a = θ·turn_a s
+    M = np.zeros((3, 3, 6 + m, 6 + m))
+    for a in range(3):
+        for b in range(3):
+            one = M[a, b]
+            one[a, b], one[a, 3:6], one[a, 6:] = body.mass, turn[b] @ body.S1, body.p[b]
+            one[3:6, b], one[6:, b] = turn[a] @ body.S1, body.p[a]
+            one[3:6, 3:6], one[6:, 6:] = turn[a] @ body.S0 @ turn[b].T, body.Mab[a, b]
+            one[3:6, 6:] = turn[a] @ body.P[:, b]
+            one[6:, 3:6] = (turn[b] @ body.P[:, a]).T
+    return M
+
+
 def matrices_at_rest(body: FlexBody) -> tuple[FloatArray, FloatArray]:
     """Mass and stiffness (6 + m, 6 + m) at rest; order: translation, rotation about the origin,
     eta."""

@@ -315,6 +315,7 @@ def _combine_modes(body: FlexBody, inside: FloatArray, dropped: FloatArray, plan
 def combine_modes(body: FlexBody, Z: FloatArray) -> FlexBody:
     """The body in the modes Phi Z with Z (m, k); without a list of modes."""
     omitted, membrane = body.omitted_modes, body.membrane_stiffness
+    stiffening = body.omitted_stiffening
     return replace(
         body,
         p=body.p @ Z,
@@ -331,6 +332,7 @@ def combine_modes(body: FlexBody, Z: FloatArray) -> FlexBody:
         ),
         membrane_stiffness=None if membrane is None else membrane.in_coordinates(Z),
         omitted_modes=None if omitted is None else omitted.in_coordinates(Z),
+        omitted_stiffening=None if stiffening is None else stiffening.in_coordinates(Z),
         **_combine_recovery(body, Z),
     )
 

@@ -183,6 +183,41 @@ class OmittedModes:
         return replace(self, modes=modes, rest=rest)
 
 
+@dataclass(frozen=True, eq=False)
+class OmittedStiffening:
+    """Geometric stiffness of r fields that the modes leave out, as far as loads need them.
+
+    The fields have unit strain energy (1/2 J), are orthogonal to each other and to the modes in
+    stiffness, and leave all interfaces at rest. The k loads are, each of size one: the six
+    centrifugal ones, the six of each interface, those of the body, and the six of each node with a
+    bend.
+
+    Parameters
+    ----------
+    turns : (k, r, 3) float
+        With rotations of the whole body.
+    modes : (k, r, m) float
+        With the modes.
+    own : (k, r, r) float
+        With each other.
+    """
+
+    turns: FloatArray
+    modes: FloatArray
+    own: FloatArray
+
+    def __post_init__(self) -> None:
+        check, r = Checker("omitted stiffening"), np.shape(self.own)[-1]
+        for name, columns in (("turns", 3), ("modes", None), ("own", r)):
+            form = check.floats(name, getattr(self, name), (len(self.own), r, columns))
+            object.__setattr__(self, name, form)
+        check.raise_problems()
+
+    def in_coordinates(self, Z: FloatArray) -> OmittedStiffening:
+        """The same for modal coordinates Z (m, k)."""
+        return replace(self, modes=self.modes @ Z)
+
+
 def load_nodes(modes: NodeModes | None, points: Sequence[int | Sequence[float]]) -> list[int]:
     """The mesh nodes given by number, or nearest to given positions.
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -90,9 +91,11 @@ def linearize(
 
 def _linearize(system: CompiledModel, time: Time | None, about: str, frame: str) -> Linearization:
     from flexmb.analysis.linear.linearization import linearize_state
+    from flexmb.analysis.validity.validity_monitor import limits_of_vibrations
 
     first = state_of(system, time, about)
-    return linearize_state(first.compiled, system.model, first.state, frame=frame)
+    made = linearize_state(first.compiled, system.model, first.state, frame=frame)
+    return replace(made, notes=(*made.notes, *limits_of_vibrations(made)))
 
 
 def state_of(system: CompiledModel, time: Time | None, about: str) -> Assembled | Equilibrium:

@@ -12,6 +12,8 @@ import pytest
 from accuracyscenes import beside_a_large_motion
 from femeshes import block, line, solid_box
 from flexiblescenes import rod
+from numpy.polynomial import Polynomial
+from scipy.linalg import eigh
 from scipy.optimize import brentq
 
 import flexmb
@@ -27,8 +29,8 @@ EULER = {"pinned": np.pi**2, "cantilever": np.pi**2 / 4, "clamped": 4 * np.pi**2
          "propped": 20.190729}  # fmt: skip
 
 
-def column(stiffening=True, kind="line", size=1.0):
-    options = {"modes": 8, "interfaces": {"root": "root", "tip": "tip"}}
+def column(stiffening=True, kind="line", size=1.0, modes=8):
+    options = {"modes": modes, "interfaces": {"root": "root", "tip": "tip"}}
     if kind == "line":
         mesh = line(16, end=(size, 0, 0))
         material = UNIT
@@ -246,11 +248,11 @@ def test_the_load_factors_of_many_rows_are_those_of_each(monkeypatch):
     run = flexmb.simulate(model, duration=1.0, outputs=20, start="quasi-static")
     at = ModelVariants.of(run, 21)
     monitor, rows = LoadFactorMonitor(at.compiled, model, at.motion.q[0]), at.rows()
-    values = monitor._values(rows, np.arange(len(at.motion.t)))[:, 0]
+    values = monitor._values(rows, np.arange(len(at.motion.t)))[0][:, 0]
     np.testing.assert_allclose(values, 9 * at.motion.t / np.pi**2, atol=0.01)
     monkeypatch.setattr("flexmb.analysis.validity.load_factor._MAX_ENTRIES", 400)
     some = np.array([20, 3, 11])
-    np.testing.assert_allclose(monitor._values(rows, some)[:, 0], values[some], rtol=1e-9)
+    np.testing.assert_allclose(monitor._values(rows, some)[0][:, 0], values[some], rtol=1e-9)
 
 
 def test_equal_columns_of_a_frame_buckle_together(all_are_told, monkeypatch):
@@ -274,6 +276,30 @@ def test_equal_columns_of_a_frame_buckle_together(all_are_told, monkeypatch):
     assert [name for name, _ in told] == ["left", "right"]
     for _, words in told:
         assert float(words.split()[0]) == pytest.approx(0.6, rel=0.02)
+
+
+def clamped_frequency(load):
+    """Of a unit column between clamps [rad/s]: v⁗ + P v″ = ω² v (Timoshenko, §5.11)."""
+
+    def determinant(omega):
+        root = np.sqrt(load**2 / 4 + omega**2)
+        a, b = np.sqrt(root + load / 2), np.sqrt(root - load / 2)
+        return 2 * a * b * (1 - np.cos(a) * np.cosh(b)) + (b * b - a * a) * np.sin(a) * np.sinh(b)
+
+    return brentq(determinant, 1.0, 42.0)
+
+
+@pytest.mark.parametrize(("share", "modes"), [(0.9, 1), (0.9, 2), (0.5, 2), (0.9, 8), (-2.0, 2)])
+def test_modes_that_cannot_bow_under_a_load_are_told(share, modes):
+    """At 0.9 of Euler's load the lowest frequency is 11 % too high with one or two modes."""
+    load = share * EULER["clamped"]
+    found = flexmb.linearize(loaded("clamped", load, modes=modes), about="static")
+    error = found.frequencies.min() * 2 * np.pi / clamped_frequency(load) - 1.0
+    told = [note for note in found.notes if "its modes do not answer" in note]
+    assert bool(told) == (error > 0.02)
+    for note in told:
+        words = note.split("by ")[-1].split(" %")[0]
+        assert float(words) / 100 == pytest.approx(error, rel=0.15)
 
 
 @pytest.mark.parametrize("stiffening", [True, False])
@@ -301,3 +327,46 @@ def test_a_body_that_only_follows_its_loads_has_a_load_factor():
     made.add_sensor("ball", "position", of="ball")
     run = flexmb.simulate(made, duration=0.05, accuracy=1e-3, verify=False)
     assert run.status == "finished" and not [note for note in run.notes if "buckle" in note]
+
+
+@pytest.mark.parametrize("on_column", [True, False])
+def test_a_column_under_a_plane_that_turns_or_not(on_column, all_are_told, monkeypatch):
+    """A slider pushes on a plane across the tip, or with its own plane: then it is a cantilever.
+
+    On the plane of the tip, with deflection w and slope θ there, the slider moves by w θ − ∫w′²/2.
+    """
+    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t:
+                        f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
+    w = [Polynomial([0] * k + [1]) for k in range(2, 10)]
+    both = [[(a.deriv() * b.deriv()).integ()(1) for b in w] for a in w]
+    tip = [[a(1) * b.deriv()(1) + b(1) * a.deriv()(1) for b in w] for a in w]
+    bent = [[(a.deriv(2) * b.deriv(2)).integ()(1) for b in w] for a in w]
+    lost = np.array(both) - np.array(tip) * on_column
+    critical = 1.0 / eigh(lost, bent, eigvals_only=True)[-1]  # 7.83, or a quarter of π²
+    model = loaded("cantilever", 0.0)
+    del model.forces["load"]
+    model.add_body("slider", mass=1e-3, inertia=[1e-3] * 3, position=[1, 0, 0])
+    model.add_joint("guide", "prismatic", between=["ground.tip", "slider"], axis="x")
+    ends = ["column.tip", "slider"] if on_column else ["slider", "column.tip"]
+    model.add_joint("plane", "in-plane", between=ends, axis="x")
+    model.add_force("load", "force", at="slider", value=[-0.5 * critical, 0, 0])
+    assert load_factor(model) == pytest.approx(0.5, rel=0.01)
+
+
+@pytest.mark.parametrize("length", [0.5, 1.0, 3.0])
+def test_a_column_that_a_rod_pulls_down(length, all_are_told, monkeypatch):
+    """A rod of length a from its tip to the line of the column: − ∫w′²/2 + w²/(2 a) by its pull."""
+    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t:
+                        f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
+    w = [Polynomial([0] * k + [1]) for k in range(2, 10)]
+    lost = [[(a.deriv() * b.deriv()).integ()(1) - a(1) * b(1) / length for b in w] for a in w]
+    bent = [[(a.deriv(2) * b.deriv(2)).integ()(1) for b in w] for a in w]
+    critical = 1.0 / eigh(lost, bent, eigvals_only=True)[-1]
+    model = loaded("cantilever", 0.0)
+    del model.forces["load"]
+    model.add_body("slider", mass=1e-3, inertia=[1e-3] * 3, position=[1 - length, 0, 0])
+    model.add_marker("ground.low", position=[1 - length, 0, 0])
+    model.add_joint("guide", "prismatic", between=["ground.low", "slider"], axis="x")
+    model.add_joint("rod", "distance", between=["column.tip", "slider"])
+    model.add_force("load", "force", at="slider", value=[-0.5 * critical, 0, 0])
+    assert load_factor(model) == pytest.approx(0.5, rel=0.01)

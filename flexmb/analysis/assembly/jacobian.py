@@ -408,3 +408,15 @@ def element(path: str) -> str:
 def plain_name(path: str) -> str:
     """The name of a joint without its section, of anything else with it."""
     return path.removeprefix("joints.")
+
+
+def row_tangent(
+    axes: tuple[int, int, int], factor: float, xi: Array, Ri: Array, xj: Array, Rj: Array
+) -> Array:  # fmt: skip
+    """Derivative (12, 12) of the gradient of a row times a factor; zero where it has none."""
+    (kind, a, b), at = axes, rows_between(xi, Ri, xj, Rj)
+    tangent = ROW_KINDS[kind].tangent
+    with np.errstate(all="ignore"):
+        if tangent is not None:
+            tangent(at, a, b, 0, 1, factor)
+    return np.asarray(np.nan_to_num(at.H, nan=0.0, posinf=0.0, neginf=0.0))

@@ -4,10 +4,16 @@ In: a compiled model and its state (t, q, v, v̇, λ). Out: F = M v̇ + … + Cq
 matrices M = ∂F/∂v̇, D = ∂F/∂v, K = ∂F/∂q, Cq = ∂C/∂q and ∂F/∂λ, and all channels. Derivatives with
 respect to q are those with respect to the increment δ of q ∘ exp(δ), rotations in body axes. They
 are taken from the engine's iteration matrix S = M + cv D + cp K, by suitable factors cv and cp.
+
+Geometric stiffening takes ΔJ = tr(k) I − k, k = ηᵀK^{ab}η, from the inertia of the body frame in
+these equations. What turns is the body in the mean: a frame at an interface turns with vibrations
+too, whose mass is smaller, so that M would lose its sign by small deflections (0.8 % of the length
+of a beam). In M here ΔJ belongs to the mean rotation, which is that of the frame in mean axes.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -16,7 +22,7 @@ from numpy.typing import NDArray
 
 from flexmb.engine.allocation import new_run, new_work
 from flexmb.engine.bodies.motion import move
-from flexmb.engine.bodies.static_modes import free_static_modes
+from flexmb.engine.bodies.static_modes import free_static_modes, static_bodies
 from flexmb.engine.bodies.wrench import marker_jacobian
 from flexmb.engine.compile import Compiled
 from flexmb.engine.compiled_units import bind, call, packed_record, prepare_units
@@ -27,6 +33,7 @@ from flexmb.engine.state import State, Work
 from flexmb.engine.state_rows import store_row_history
 from flexmb.engine.tables import Kkt
 from flexmb.flexbody.arrays import Array, IntArray
+from flexmb.flexbody.natural_modes import mean_motion
 
 # Factors cv and cp that make one term of S = M + cv D + cp K dominate all others, or negligible.
 # They are powers of two, so that nothing is rounded. Not zero, as feedback adds its terms only for
@@ -72,6 +79,7 @@ class StateEquations:
         kinds = compiled.system.sensors.channels["what"]
         self._turns = self._run.record.sensors.turns[kinds] == 1
         self._places = _matrix_places(compiled.system.kkt)
+        self._turning = list(_turning_bodies(compiled))
 
     def residual(self) -> Array:
         """F (nv,) at the state; C is in `work.con.C`."""
@@ -101,6 +109,12 @@ class StateEquations:
         M = mass[:n, :n]
         D = (self._matrix(_DOMINANT, 0.0)[:n, :n] - M) / _DOMINANT
         K = (self._matrix(_NEGLIGIBLE, _DOMINANT)[:n, :n] - M) / _DOMINANT
+        for part, iq, stiffness, turn in self._turning:
+            eta = self.state.q[iq + 7 : iq + 7 + turn.shape[1]]
+            k = np.einsum("abij,i,j->ab", stiffness, eta, eta)
+            change = k - np.trace(k) * np.eye(3)
+            frame, mean = np.hstack([np.eye(3), 0.0 * turn]), np.hstack([np.eye(3), turn])
+            M[part, part] += mean.T @ change @ mean - frame.T @ change @ frame
         return Tangents(M, D, K, mass[n:, :n], mass[:n, n:])
 
     def _matrix(self, cv: float, cp: float) -> Array:
@@ -139,6 +153,20 @@ class StateEquations:
         self._motion[0][:], self._motion[1][:], self._motion[2][:] = q, d, q
         self._move()
         return self._motion[2].copy()
+
+
+def _turning_bodies(compiled: Compiled) -> Iterator[tuple[slice, int, Array, Array]]:
+    """Of bodies with stiffening that vibrate: rotation and modes in v, first coordinate, K^{ab},
+    and mean rotation (3, m) by modes."""
+    still, _ = static_bodies(compiled.system)
+    full = compiled.system.parts.bodies["coupling"] == 2
+    for number, columns in enumerate(compiled.layout.bodies):
+        body = compiled.bodies.get(columns.name)
+        if body is None or not body.m or not full[number] or number in still:
+            continue
+        if body.centrifugal_stiffness is not None:
+            part = slice(columns.iv + 3, columns.iv + 6 + columns.m)
+            yield part, columns.iq, body.centrifugal_stiffness, mean_motion(body)[3:]
 
 
 def _matrix_places(kkt: Kkt) -> tuple[tuple[IntArray, IntArray], tuple[IntArray, IntArray]]:

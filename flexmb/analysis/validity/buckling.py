@@ -2,13 +2,16 @@
 
 The load factor μ is the largest number for which K + K_g/μ is singular, with K_g the geometric
 stiffness of the forces and moments at markers and of the inertia loads, for those motions of the
-whole mechanism that deform it.
+whole mechanism that deform it. Fields that the modes leave out deform it too, as far as its bodies
+tell (:class:`flexmb.flexbody.OmittedStiffening`). Without them natural frequencies under the loads
+are too high: those that are left out follow the modes statically.
 
-Moments are conjugate to rotation vectors (semitangential), to which the rows of joints that keep
-axes perpendicular add their own curvature. A force in the axes of a marker turns with it, and a
-torque is conjugate to the spin, which adds an unsymmetric stiffness. Only real μ count then: a
-column under a force that follows its tip never buckles, but flutters (Beck, Z. angew. Math. Phys.
-3, 1952), which is a motion that the equations describe.
+Moments are conjugate to rotation vectors (semitangential), and forces have constant directions. To
+these the rows of joints add their own curvature: axes, lines and planes turn with bodies. A force
+in the axes of a marker turns with it, and a torque is conjugate to the spin, which adds an
+unsymmetric stiffness. Only real μ count then: a column under a force that follows its tip never
+buckles, but flutters (Beck, Z. angew. Math. Phys. 3, 1952), which is a motion that the equations
+describe.
 
 Sources: Timoshenko & Gere, Theory of Elastic Stability, §2.2; Bolotin, Nonconservative Problems of
 the Theory of Elastic Stability, 1963, ch. 2.
@@ -21,13 +24,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.assembly.jacobian import ConstraintRows, numerical_rank
+from flexmb.analysis.assembly.jacobian import ConstraintRows, numerical_rank, row_tangent
 from flexmb.engine.algebra.forms import bend_of
 from flexmb.engine.compile import Compiled
-from flexmb.engine.joints import DOT1
+from flexmb.engine.joints import DOT1, ROW_KINDS
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, IntArray, skew
-from flexmb.flexbody.natural_modes import matrices_at_rest
+from flexmb.flexbody.natural_modes import mass_by_axes, matrices_at_rest, mean_motion
+from flexmb.flexbody.parts import Interface
+from flexmb.flexbody.static_response import SYMMETRIC_PAIRS, OmittedStiffening
 
 # Strain energy of a body in the motion that buckles, over the largest, with which it buckles too:
 # equal columns of a frame have the same.
@@ -36,12 +41,18 @@ _RIGID_SHARE = 1e-9  # ω² over the largest one, below which a motion deforms n
 # Imaginary part of a load factor over its real part, up to which it counts: equal buckling loads
 # of a round or square column become a conjugate pair by a small torque.
 _REAL = 0.2
+# Load factor without fields that are left out over that with them, below which those are not
+# counted beside loads that turn: where nothing buckles, eigenvalues are of any small size.
+_SAME_FACTOR = 0.5
+# Stiffness by turning loads that is not symmetric, over all of them, from which on vibrations
+# without it have no meaning.
+_TURNING_SHARE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Loads:
     """Loads at n times of a run: q, v, vd; wrenches at markers (n, markers, 6) in global axes,
-    their arms in body axes; the axes A (n, bodies, 3, 3) of all bodies and R of all markers;
+    their arms in body axes; the axes A (n, bodies, 3, 3) of all bodies; places and axes of markers;
     multipliers of the rows; those forces and torques (n, k, 3) that are not conservative."""
 
     q: Array
@@ -50,6 +61,7 @@ class Loads:
     wrenches: Array
     s: Array
     A: Array
+    x: Array
     R: Array
     lam: Array
     turning: Array
@@ -60,7 +72,7 @@ class LoadedMechanism:
 
     def __init__(self, compiled: Compiled, gravity: Array, turning: NDArray[np.void]) -> None:
         nv, self._compiled, self._gravity = compiled.layout.nv, compiled, gravity
-        self._turning = turning
+        self._turning, self._omitted, first = turning, list[_OmittedFields](), nv
         self._rows, self._root, self._K = ConstraintRows(compiled), np.eye(nv), np.zeros((nv, nv))
         self._bodies: list[tuple[np.void, slice, FlexBody | None, Array]] = []
         names = {columns.iv: columns.name for columns in compiled.layout.bodies}
@@ -72,19 +84,40 @@ class LoadedMechanism:
                 body, M = None, _rigid_mass(entry)
             else:
                 M, self._K[part, part] = matrices_at_rest(body)
-                mean = np.array([np.concatenate(_mean_motion(body, eta)) for eta in np.eye(m)]).T
+                mean = mean_motion(body)
             self._root[part, part] = _square_root(M)
+            number = len(self._bodies)
             self._bodies.append((entry, part, body, mean))
+            in_space = (compiled.system.kkt.column[iv : iv + 6] >= 0).all()
+            if body is not None and body.omitted_stiffening is not None and in_space:
+                self._omitted.append(_OmittedFields.of_body(compiled, number, body, first))
+                first = self._omitted[-1].rows.stop
+        self._size = first
+        self._owners = np.array([one.body for one in self._omitted], np.int64)
+        self._starts = [one.rows.start - nv for one in self._omitted]
+        flexible = [(part, body) for _, part, body, _ in self._bodies if body is not None]
+        self._masses = [(part, mass_by_axes(body)) for part, body in flexible if first > nv]
 
-    def load_factors(self, loads: Loads) -> Array:
-        """(n, bodies) load factors of the mechanism, each assigned to the bodies that buckle."""
+    def load_factors(self, loads: Loads) -> tuple[Array, Array, Array]:
+        """Load factors, and what fields that are left out do to natural frequencies under loads.
+
+        Returns
+        -------
+        values : (n, bodies) array
+            The load factors of the mechanism, each assigned to the bodies that buckle.
+        omega : (n,) array
+            The frequency that is most too high for want of modes [rad/s].
+        shares : (n, bodies) array
+            The part of it that would be lost with them, by the body that lacks most.
+        """
         n, Kg = len(loads.q), self._geometric_stiffness(loads)
-        self._add_axes_of_joints(loads, Kg)
+        self._add_curved_rows(loads, Kg)
         self._add_turning_loads(loads, Kg)
         poses = [self._rows.evaluate(q).jacobian for q in loads.q]
         _, S, Vt = np.linalg.svd(np.array([pose.A for pose in poses]))
         ranks = np.array([numerical_rank(one) for one in S])
-        values = np.zeros((n, len(self._bodies)))
+        values, omega = np.zeros((n, len(self._bodies))), np.zeros(n)
+        shares = np.zeros_like(values)
         for rank in np.unique(ranks):
             rows = np.flatnonzero(ranks == rank)
             N = np.array([poses[k].velocities(Vt[k, rank:].T) for k in rows])
@@ -96,26 +129,55 @@ class LoadedMechanism:
             for count in np.unique(rigid[rigid < omega2.shape[1]]):
                 some = rigid == count
                 V = N[some] @ X[some][:, :, count:] / np.sqrt(omega2[some, None, count:])
-                self._buckle(Kg, V, rows[some], values)
-        return values
+                loss, motions = self._loss(Kg[rows[some]], V)
+                self._buckle(loss, motions, rows[some], values)
+                if self._omitted:
+                    k = V.shape[2]
+                    loss[:, :k, :k] += self._softening(loads, rows[some], V)
+                    of = np.sqrt(omega2[some, count:])
+                    omega[rows[some]], lost, moved = _frequency_changes(loss, of)
+                    sizes = np.add.reduceat(moved**2, self._starts, axis=1)
+                    shares[rows[some], self._owners[sizes.argmax(axis=1)]] = lost
+        return values, omega, shares
 
-    def _buckle(self, Kg: Array, V: Array, rows: IntArray, values: Array) -> None:
-        """Set the load factors of `rows` by motions V (rows, nv, k) of unit strain energy."""
-        loss = -V.transpose(0, 2, 1) @ Kg[rows] @ V
+    def _softening(self, loads: Loads, rows: IntArray, V: Array) -> Array:
+        """(n, k, k) stiffness that centrifugal loads take as motions V (n, nv, k) grow."""
+        taken = np.zeros((len(rows), *2 * V.shape[2:]))
+        for part, mass in self._masses:
+            w, own = loads.v[rows, part.start + 3 : part.start + 6], V[:, part]
+            G = (w * w).sum(axis=1)[:, None, None] * np.eye(3) - w[:, :, None] * w[:, None]
+            taken += own.transpose(0, 2, 1) @ np.tensordot(G, mass, 2) @ own
+        return taken
+
+    def _loss(self, Kg: Array, V: Array) -> tuple[Array, Array]:
+        """Stiffness that loads take from motions V (rows, nv, k) of unit strain energy, and from
+        fields that modes leave out; these motions (rows, nv + r, k + r)."""
+        n, nv, k = V.shape
+        rest = self._size - nv
+        motions = np.zeros((n, self._size, k + rest))
+        motions[:, :nv, :k], motions[:, nv:, k:] = V, np.eye(rest)
+        return -motions.transpose(0, 2, 1) @ Kg @ motions, motions
+
+    def _buckle(self, loss: Array, V: Array, rows: IntArray, values: Array) -> None:
+        """Set the load factors of `rows` by motions V (rows, nv + r, k + r) of unit strain energy,
+        and the stiffness that they lose."""
         if len(self._turning):
-            every, shapes = np.linalg.eig(loss)
-            real = np.abs(every.imag) <= _REAL * every.real
-            every = np.where(real, every.real, 0.0)
-            largest = every.argmax(axis=1)[:, None]
-            factors = np.take_along_axis(every, largest, axis=1)
-            shapes = np.take_along_axis(shapes.real, largest[:, None], axis=2)
+            factors, shape = _largest_real(loss)
+            k = loss.shape[1] - (self._size - len(self._K))
+            alone, own = _largest_real(loss[:, :k, :k])
+            apart = alone < _SAME_FACTOR * factors
+            factors = np.where(apart, alone, factors)
+            shape[apart[:, 0], :k], shape[apart[:, 0], k:] = own[apart[:, 0]], 0.0
         else:
             factors, shapes = np.linalg.eigh(0.5 * (loss + loss.transpose(0, 2, 1)))
-        x = (V @ shapes[:, :, -1:])[..., 0]
+            shape = shapes[:, :, -1]
+        x = (V @ shape[..., None])[..., 0]
         parts = [part for _, part, *_ in self._bodies]
         energy = np.array(
             [((x[:, own] @ self._K[own, own]) * x[:, own]).sum(axis=1) for own in parts]
         ).T
+        for one in self._omitted:
+            energy[:, one.body] += (x[:, one.rows] ** 2).sum(axis=1)
         buckles = energy >= _MIN_ENERGY * energy.max(axis=1, keepdims=True)
         values[rows] = np.where(buckles, factors[:, -1:], 0.0)
 
@@ -125,7 +187,7 @@ class LoadedMechanism:
         The loads are forces at markers and inertia forces ρ (a + G s), all of constant direction,
         and semitangential moments at markers.
         """
-        K = np.zeros((len(loads.q), *self._K.shape))
+        K = np.zeros((len(loads.q), self._size, self._size))
         parts, v, vd = self._compiled.system.parts, loads.v, loads.vd
         for number, (entry, part, body, mean) in enumerate(self._bodies):
             A, m, iv = loads.A[:, number], int(entry["m"]), part.start
@@ -139,6 +201,8 @@ class LoadedMechanism:
             Kb = K[:, iv + 3 : part.stop, iv + 3 : part.stop]
             moments = G @ entry["S0"] + a[:, :, None] * entry["S1"]
             moments = moments - forces.transpose(0, 2, 1) @ loads.s[:, markers]
+            arms = np.cross(parts.markers["arm"][markers], forces)
+            about_nodes = np.concatenate([forces, turns + arms], axis=2)
             for k, marker in enumerate(parts.markers[markers]):
                 if m and marker["modes"] >= 0:
                     f, turn, arm = forces[:, k], turns[:, k], marker["arm"]
@@ -151,7 +215,7 @@ class LoadedMechanism:
                     Kb[:, 3:, 3:] += Phi[3:].T @ both @ Phi[3:]
                     if marker["bend"] >= 0:
                         bend = bend_of(marker, m, parts.pool)
-                        w = np.concatenate([f, turn + np.cross(arm, f)], axis=1)
+                        w = about_nodes[:, k]
                         Kb[:, 3:, 3:] += np.einsum("nd,idj->nij", w[:, : bend.shape[1]], bend)
             trace = np.trace(moments, axis1=1, axis2=2)[:, None, None]
             Kb[:, :3, :3] = 0.5 * (moments + moments.transpose(0, 2, 1)) - trace * np.eye(3)
@@ -163,33 +227,53 @@ class LoadedMechanism:
                 if (centrifugal := body.centrifugal_stiffness) is not None:
                     G = 0.5 * (G + G.transpose(0, 2, 1))
                     Kb[:, 3:, 3:] -= np.tensordot(G, centrifugal, 2)
+                for one in self._omitted:
+                    if one.body == number:
+                        one.add_to(K, part, mean[3:], G, about_nodes)
             Kb[:, 3:, :3] = Kb[:, :3, 3:].transpose(0, 2, 1)
         return K
 
-    def _add_axes_of_joints(self, loads: Loads, K: Array) -> None:
-        """Add to K (n, nv, nv) the curvature of the rows a·b of axes of two markers.
+    def _add_curved_rows(self, loads: Loads, K: Array) -> None:
+        """Add to K (n, nv, nv) the curvature of loaded rows of joints, whose direction turns.
 
-        With rotations α and β of the markers, its part of second order beside that of these
-        rotations is (α·a)(α·b)/2 + (β·a)(β·b)/2 - (β·a)(α·b) where a·b = 0.
+        It is that in the positions and rotation vectors of their markers: the symmetric part of the
+        tangent, which is that in spins.
         """
         rows, markers = self._compiled.system.rows, self._compiled.system.parts.markers
-        for k in np.flatnonzero((rows["kind"] == DOT1) & (loads.lam != 0.0).any(axis=0)):
-            ends = [int(rows[k][side]) for side in "IJ"]
-            a, b = (loads.R[:, at, :, rows[k][axis]] for at, axis in zip(ends, "ab", strict=True))
-            bodies = [int(markers["body"][at]) for at in ends]
-            H = [
-                loads.A[:, body] @ self._rotation(at) if body >= 0 else None
-                for body, at in zip(bodies, ends, strict=True)
+        curved = np.array([kind.tangent is not None for kind in ROW_KINDS])[rows["kind"]]
+        for k in np.flatnonzero(curved & (loads.lam != 0.0).any(axis=0)):
+            row = rows[k]
+            kind, ends = (int(row["kind"]), int(row["a"]), int(row["b"])), (row["I"], row["J"])
+            if kind[0] == DOT1:  # all at once, since they are most
+                H = np.zeros((len(loads.q), 12, 12))
+                a, b = (loads.R[:, at, :, c] for at, c in zip(ends, kind[1:], strict=True))
+                both = loads.lam[:, k, None, None] * a[:, :, None] * b[:, None]
+                H[:, 3:6, 3:6] = H[:, 9:, 9:] = both
+                H[:, 9:, 3:6], H[:, 3:6, 9:] = -both, -both.transpose(0, 2, 1)
+            else:
+                H = np.array([
+                    row_tangent(kind, lam[k], *(y for at in ends for y in (x[at], R[at])))
+                    for lam, x, R in zip(loads.lam, loads.x, loads.R, strict=True)
+                ])  # fmt: skip
+            H = 0.5 * (H + H.transpose(0, 2, 1))
+            moved = [
+                (6 * i, self._bodies[markers["body"][at]][1], self._motion(loads, at))
+                for i, at in enumerate(ends)
+                if markers["body"][at] >= 0
             ]
-            both = loads.lam[:, k, None, None] * a[:, :, None] * b[:, None]
-            for i, j in ((0, 0), (1, 1), (0, 1), (1, 0)):
-                first, second = H[i], H[j]
-                if first is None or second is None:
-                    continue
-                part = 0.5 * (both + both.transpose(0, 2, 1)) if i == j else -both
-                part = part.transpose(0, 2, 1) if (i, j) == (0, 1) else part
-                own, other = self._bodies[bodies[i]][1], self._bodies[bodies[j]][1]
-                K[:, own, other] += first.transpose(0, 2, 1) @ part @ second
+            for i, own, first in moved:
+                for j, other, second in moved:
+                    block = H[:, i : i + 6, j : j + 6]
+                    K[:, own, other] += first.transpose(0, 2, 1) @ block @ second
+
+    def _motion(self, loads: Loads, at: int) -> Array:
+        """(n, 6, 6 + m) motion and rotation of a marker, global axes, per velocity of its body."""
+        number = int(self._compiled.system.parts.markers["body"][at])
+        A, modes = loads.A[:, number], self._modes(at)
+        J = np.zeros((len(A), 6, 6 + modes.shape[1]))
+        J[:, :3, :3] = J[:, 3:, 3:6] = np.eye(3)
+        J[:, :3, 3:6], J[:, :, 6:] = -skew(loads.s[:, at]), modes
+        return np.concatenate([A @ J[:, :3], A @ J[:, 3:]], axis=1)
 
     def _add_turning_loads(self, loads: Loads, K: Array) -> None:
         """Add to K (n, nv, nv) the stiffness of forces that turn with a marker, and of torques.
@@ -236,6 +320,110 @@ class LoadedMechanism:
         return np.vstack([Phi[:3] - skew(one["arm"]) @ Phi[3:], Phi[3:]])
 
 
+@dataclass(frozen=True, eq=False)
+class _OmittedFields:
+    """Fields of unit strain energy that the modes of a body leave out: further coordinates.
+
+    `rows` are theirs. `loads` has numbers of markers among those of the body, and the sizes (l, 6)
+    of the loads of the fields by units of the wrench about their nodes.
+    """
+
+    body: int
+    of: OmittedStiffening
+    rows: slice
+    loads: list[tuple[int, Array]]
+
+    @classmethod
+    def of_body(cls, compiled: Compiled, number: int, body: FlexBody, first: int) -> _OmittedFields:
+        """With the number of the body, and that of the first coordinate."""
+        of, parts, m = body.omitted_stiffening, compiled.system.parts, body.m
+        assert of is not None
+        points, one = list[tuple[Interface, Array]](), np.eye(len(of.own))
+        own = 6 + 6 * len(body.interfaces)
+        for k, end in enumerate(body.interfaces):
+            points.append((end, one[:, 6 + 6 * k : 12 + 6 * k]))
+        for k, load in enumerate(body.loads):
+            forces = [point for point in load.points if point.wrench[:3].any()]
+            for at in forces[:1]:  # it has the bend of the load (`bent_points`)
+                axis = int(np.abs(at.wrench).argmax())
+                points.append((at, np.outer(one[own + k], np.eye(6)[axis] / at.wrench[axis])))
+        own += len(body.loads)
+        for k, node in enumerate([] if body.nodes is None else body.nodes.points_with_bend()):
+            points.append((node, one[:, own + 6 * k : own + 6 * k + 6]))
+        loads = []
+        for k, marker in enumerate(parts.markers[parts.markers["body"] == number]):
+            if marker["modes"] < 0 or marker["bend"] < 0:
+                continue
+            Phi = parts.pool[marker["modes"] : marker["modes"] + 6 * m].reshape(6, m)
+            bend, nearest, least = bend_of(marker, m, parts.pool), None, np.inf
+            for point, sizes in points:
+                same = np.array_equal(point.position, marker["rho"])
+                if same and np.array_equal(np.vstack([point.Phi_t, point.Phi_r]), Phi):
+                    assert point.bend is not None
+                    forms = point.bend[: bend.shape[1]].transpose(1, 0, 2)
+                    away = float(np.abs(forms - bend).max(initial=0.0))
+                    if away < least:
+                        nearest, least = sizes, away
+            if nearest is not None:
+                loads.append((k, nearest))
+        return cls(number, of, slice(first, first + of.own.shape[1]), loads)
+
+    def add_to(self, K: Array, part: slice, turn: Array, G: Array, wrenches: Array) -> None:
+        """Add to K (n, c, c) what the loads of the body do, with its coordinates `part`.
+
+        `turn` (3, m) is the mean rotation by modes, G (n, 3, 3) the acceleration per place, and
+        `wrenches` (n, markers, 6) are those about nodes, all in body axes.
+        """
+        c = np.zeros((len(G), len(self.of.own)))
+        for k, (a, b) in enumerate(SYMMETRIC_PAIRS):
+            c[:, k] = -0.5 * (2 - (a == b)) * (G[:, a, b] + G[:, b, a])
+        for k, sizes in self.loads:
+            c += wrenches[:, k] @ sizes.T
+        turns, modes = (np.tensordot(c, x, 1) for x in (self.of.turns, self.of.modes))
+        beside = np.concatenate([turns, modes + turns @ turn], axis=2)
+        both = slice(part.start + 3, part.stop)
+        K[:, self.rows, both] += beside
+        K[:, both, self.rows] += beside.transpose(0, 2, 1)
+        K[:, self.rows, self.rows] += np.tensordot(c, self.of.own, 1)
+
+
+def _largest_real(loss: Array) -> tuple[Array, Array]:
+    """The largest real eigenvalue (n, 1) of matrices (n, k, k), zero if none, and its vector."""
+    every, shapes = np.linalg.eig(loss)
+    every = np.where(np.abs(every.imag) <= _REAL * every.real, every.real, 0.0)
+    largest = every.argmax(axis=1)[:, None]
+    vector = np.take_along_axis(shapes.real, largest[:, None], axis=2)[..., 0]
+    return np.take_along_axis(every, largest, axis=1), vector
+
+
+def _frequency_changes(loss: Array, omega: Array) -> tuple[Array, Array, Array]:
+    """The natural frequency under loads (n,) that fields which are left out lower most, and the
+    part of it (n,) that they take, 1 if all; and what they move by in its shape (n, r).
+
+    `loss` (n, k + r, k + r) is the stiffness that loads take from motions of unit strain energy
+    with frequencies omega (n, k), and from the fields, which follow them statically.
+    """
+    k, whole = omega.shape[1], np.eye(loss.shape[1]) - 0.5 * (loss + loss.transpose(0, 2, 1))
+    own, across, rest = whole[:, :k, :k], whole[:, :k, k:], whole[:, k:, k:]
+    follow = np.linalg.solve(rest, across.transpose(0, 2, 1))
+    scale = omega[:, :, None] * omega[:, None]
+    before, shapes = np.linalg.eigh(scale * own)
+    after = np.linalg.eigvalsh(scale * (own - across @ follow))
+    buckled = np.linalg.eigvalsh(rest)[:, :1] <= 0.0
+    left = np.where(buckled, 0.0, after.clip(0.0) / np.where(before > 0.0, before, 1.0))
+    lost = np.where(before > 0.0, 1.0 - np.sqrt(left.clip(0.0, 1.0)), 0.0)
+    skewed = np.abs(loss - loss.transpose(0, 2, 1)).max(axis=(1, 2))
+    lost[skewed > _TURNING_SHARE * np.abs(loss).max(axis=(1, 2))] = 0.0
+    most = lost.argmax(axis=1)[:, None]
+    shape = omega * np.take_along_axis(shapes, most[:, None], axis=2)[..., 0]
+    moved = (follow @ shape[..., None])[..., 0]
+    return (
+        np.sqrt(np.take_along_axis(before, most, axis=1)[:, 0].clip(0.0)),
+        np.take_along_axis(lost, most, axis=1)[:, 0],
+        moved,
+    )
+
+
 def _natural_motions(K: Array, root: Array, N: Array) -> tuple[Array, Array]:
     """Squared frequencies (n, d), ascending, and their motions y (n, d, d) with N y of unit mass.
 
@@ -253,14 +441,6 @@ def _square_root(M: Array) -> Array:
     size = np.sqrt(M.diagonal())
     values, X = np.linalg.eigh(M / np.outer(size, size))
     return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, None] * X.T * size)
-
-
-def _mean_motion(body: FlexBody, eta: Array) -> tuple[Array, Array]:
-    """Mean translation at the origin and mean rotation (3,) of modal coordinates eta (m,)."""
-    P = body.P @ eta - np.outer(body.center, body.p @ eta)
-    moment = np.array([P[1, 2] - P[2, 1], P[2, 0] - P[0, 2], P[0, 1] - P[1, 0]])
-    turn = np.linalg.pinv(body.inertia_about_center) @ moment
-    return body.p @ eta / body.mass - np.cross(turn, body.center), turn
 
 
 def _rigid_mass(entry: np.void) -> Array:

@@ -1,7 +1,8 @@
 """Load factor of stiffened flexible bodies in a run: their loads over those that buckle them.
 
 That of each row of a run is computed by :mod:`flexmb.analysis.validity.buckling`. Above one linear
-theory is not valid. Bodies without geometric stiffening are judged by
+theory is not valid. So is by how much a natural frequency under the loads is too high for want of
+modes that answer their geometric stiffness. Bodies without geometric stiffening are judged by
 :mod:`flexmb.analysis.validity.omitted_stiffening`.
 
 Waves along a bar neither buckle nor stiffen it: the mean over a vibration period counts. It is
@@ -39,9 +40,12 @@ from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.model.forces.load import BodyLoadSpec
 from flexmb.model.model import Model
 from flexmb.results.output_block import OutputBlock
+from flexmb.units import percent
 
 #: Load factor above which a run has a note.
 NEAR_BUCKLING = 0.8
+#: Error of a natural frequency under loads, for want of modes, above which a run has a note.
+LARGEST_ERROR = 0.02
 _EULER = 0.1  # Euler load of a pinned bar over ω₁² m L: 1/π²
 # Rows are examined if a simple upper bound of the load exceeds this share of the warning level.
 _MIN_ESTIMATE = 0.3
@@ -52,6 +56,7 @@ _ROWS_AT_ONCE = 100  # rows whose means are computed together: the weight of the
 # What rates do not explain, over the change of the distance of the ends, from which on it is none
 # of a slow motion.
 _FAST = 0.3
+_NO_FREQUENCY = 10.0  # error from which on there is no such frequency
 
 
 class LoadFactorMonitor:
@@ -96,8 +101,10 @@ class LoadFactorMonitor:
             )
             for columns, *_ in self._bodies
         ]
-        self._largest = np.zeros((2, len(self._bodies)))
-        self._mean = np.full((2, len(self._bodies)), np.nan)  # mean over a period, time of last row
+        # Columns: load factor of each body, then share of a frequency that more modes would take.
+        self._largest = np.zeros((2, 2 * len(self._bodies)))
+        self._mean = np.full_like(self._largest, np.nan)  # mean over a period, time of last row
+        self._omega = np.zeros(len(self._bodies))  # that frequency [rad/s]
         self._stretches = [stretch(body, longest_axis(body)[0]) for _, body, *_ in self._bodies]
         self._last = np.full((len(self._bodies), 3), np.nan)  # as of `slow_shares`
 
@@ -131,40 +138,49 @@ class LoadFactorMonitor:
             far = np.linalg.norm(rows.vd[:, columns.iv : columns.iv + 3] - self._gravity, axis=1)
             load = force + body.mass * far
             worth |= (load > _MIN_ESTIMATE * NEAR_BUCKLING * euler) | self._loaded[k]
-        values = np.zeros((len(rows.t), len(self._bodies)))
-        values[worth] = self._values(rows, np.flatnonzero(worth))
+        n = len(self._bodies)
+        values, omega = np.zeros((len(rows.t), 2 * n)), np.zeros(len(rows.t))
+        values[worth], omega[worth] = self._values(rows, np.flatnonzero(worth))
         slow = np.zeros_like(values)
         for k, ((columns, *_), along) in enumerate(zip(self._bodies, self._stretches, strict=True)):
-            slow[:, k], self._last[k] = slow_shares(columns, along, rows, self._last[k])
+            now, self._last[k] = slow_shares(columns, along, rows, self._last[k])
+            slow[:, [k, n + k]] = now[:, None]
         last = np.append(self._mean[1, :1], rows.t)
-        passed = np.diff(last)[:, None] / self._periods if self._is_motion else None
+        periods = np.tile(self._periods, 2)
+        passed = np.diff(last)[:, None] / periods if self._is_motion else None
         mean, means = period_means(self._mean[0], passed, values, slow)
         self._mean = np.array([mean, np.full_like(mean, rows.t[-1])])
         best = means.argmax(axis=0)
         largest = np.take_along_axis(means, best[None], axis=0)[0]
         larger = largest > self._largest[0]
         self._largest[:, larger] = largest[larger], rows.t[best[larger]]
+        self._omega = np.where(larger[n:], omega[best[n:]], self._omega)
 
     def add_last(self, rows: OutputBlock) -> None:
         """Add the last row of a run that failed, without averaging."""
         if self._bodies:
-            values = self._values(rows, np.zeros(1, np.int64))[0]
+            values = self._values(rows, np.zeros(1, np.int64))[0][0]
+            values[len(self._bodies) :] = 0.0  # what modes would change is no cause of a failure
             larger = values > self._largest[0]
             self._largest[:, larger] = values[larger], np.full(larger.sum(), rows.t[0])
 
     def diverging(self) -> str:
         """The sentence on the first body that its loads have buckled, or ""."""
         for one in self.indicators():
-            if one.value > 1.0:
+            if one.quantity == "load_factor" and one.value > 1.0:
                 return one.text()
         return ""
 
     def indicators(self) -> Iterator[Indicator]:
-        """The load factor of each body."""
+        """The load factor of each body, and the error of a frequency under loads."""
         for k, (columns, *_) in enumerate(self._bodies):
             value, t = self._largest[:, k]
             text = partial(self._sentence, columns.name, value, t)
             yield Indicator(columns.name, "load_factor", value, t, NEAR_BUCKLING, text)
+            share, t = self._largest[:, len(self._bodies) + k]
+            error = share / max(1.0 - share, np.finfo(float).tiny)
+            text = partial(self._lacking, columns.name, self._omega[k], error, t)
+            yield Indicator(columns.name, "loaded_frequency", error, t, LARGEST_ERROR, text)
 
     def _sentence(self, name: str, value: float, t: float) -> str:
         what = "linear theory ends at one; make it stiffer, or shorten it between its joints"
@@ -173,23 +189,34 @@ class LoadFactorMonitor:
             f"those that buckle it: {what}"
         )
 
+    def _lacking(self, name: str, omega: float, error: float, t: float) -> str:
+        hertz = self._units.say(omega / (2.0 * np.pi), "Hz", 3)
+        high = f"too high by {percent(error)}" if error < _NO_FREQUENCY else "none with all modes"
+        return (
+            f"bodies.{name}: its modes do not answer what its loads do to its stiffness at t = "
+            f"{self._units.say(t, 's', 4)}: a natural frequency under them, {hertz}, is {high}; "
+            "reduce it with more modes"
+        )
+
     @one_blas_thread()
-    def _values(self, rows: OutputBlock, which: IntArray) -> Array:
-        """(rows, bodies) load factors at the rows `which`, from the wrenches at all markers."""
+    def _values(self, rows: OutputBlock, which: IntArray) -> tuple[Array, Array]:
+        """(rows, 2 bodies) values at the rows `which`, from the wrenches at all markers, and the
+        frequency [rad/s] of which shares are lost."""
         parts = self._compiled.system.parts
-        values = np.zeros((len(which), len(self._bodies)))
+        values, omega = np.zeros((len(which), 2 * len(self._bodies))), np.zeros(len(which))
         numbers = [int(np.flatnonzero(parts.bodies["iv"] == one[0].iv)[0]) for one in self._bodies]
         size = max(1, _MAX_ENTRIES // self._compiled.layout.nv**2)
         for first in range(0, len(which), size):
             part = slice(first, first + size)
             loads = self.loads(rows, which[part])
-            values[part] = self._mechanism.load_factors(loads)[:, numbers]
-        return values
+            factors, omega[part], shares = self._mechanism.load_factors(loads)
+            values[part] = np.hstack([factors[:, numbers], shares[:, numbers]])
+        return values, omega
 
     def loads(self, rows: OutputBlock, which: IntArray) -> Loads:
         """The wrenches at all markers at the rows `which`."""
         state, work, solve = self._scratch
-        wrenches, arms, axes, frames, turning = [], [], [], [], []
+        wrenches, arms, axes, places, frames, turning = [], [], [], [], [], []
         for row in which:
             state.t[0] = rows.t[row]
             for name in ("q", "v", "vd", "lam"):
@@ -198,13 +225,15 @@ class LoadFactorMonitor:
             wrenches.append(self._wrenches(work, state.lam))
             arms.append(work.now.marker["s"].copy())
             axes.append(work.now.body["A"].copy())
+            places.append(work.now.marker["x"].copy())
             frames.append(work.now.marker["R"].copy())
             u, own = work.con.fun[self._turning["fun"], 0], self._turning["axes"][:, None, None]
             R = np.where(own >= 0, frames[-1][self._turning["axes"]], np.eye(3))
             turning.append(np.einsum("kij,kj->ki", R, self._turning["factor"] * u))
         q, v, vd, lam = (getattr(rows, name)[which] for name in ("q", "v", "vd", "lam"))
-        W, s, A, R, F = (np.array(one) for one in (wrenches, arms, axes, frames, turning))
-        return Loads(q, v, vd, W, s, A, R, lam, F)
+        every = wrenches, arms, axes, places, frames, turning
+        W, s, A, x, R, F = (np.array(one) for one in every)
+        return Loads(q, v, vd, W, s, A, x, R, lam, F)
 
     def _wrenches(self, work: Work, lam: Array) -> Array:
         """(markers, 6) wrenches, with those of point joints, which the engine does not store."""

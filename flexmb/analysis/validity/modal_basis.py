@@ -32,6 +32,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from flexmb.analysis.assembly.jacobian import MAX_COORDINATES
+from flexmb.analysis.linear.linearization import Linearization
 from flexmb.analysis.monitors import Indicator
 from flexmb.analysis.validity.body_accelerations import BodyAccelerations
 from flexmb.analysis.validity.linear_elasticity import (
@@ -43,7 +45,12 @@ from flexmb.analysis.validity.linear_elasticity import (
     joined_interfaces,
     joined_modes,
 )
-from flexmb.analysis.validity.pose_vibrations import LackingBody, OmittedOscillators
+from flexmb.analysis.validity.load_factor import LARGEST_ERROR
+from flexmb.analysis.validity.pose_vibrations import (
+    LackingBody,
+    OmittedOscillators,
+    errors_at_nodes,
+)
 from flexmb.engine import initial_conditions
 from flexmb.engine.allocation import new_run, new_state, new_work
 from flexmb.engine.compile import Compiled
@@ -73,6 +80,7 @@ _AT_REST = 1e-3  # rad/s below which a message does not mention the rotation of 
 _ROUND_OFF = 2e-14  # displacement over the distance from the origin that is round-off
 # Power of ω in the error of a sensor.
 _POWER_OF_OMEGA = {"position": 0, "distance": 0, "velocity": 1, "acceleration": 2, "reaction": 2}
+_CURE = "name the point as an interface, or give the body a force there among its loads"
 _LEAST_RANGE = 1e-7  # range of a sensor, by the size of the model and the run, that is a motion
 
 
@@ -303,13 +311,39 @@ class ModalBasisMonitor:
         """Sentences on bodies whose missing response to the loads of the run is not known."""
         for k, one in enumerate(self._bodies):
             if self._unknown[k] > 0.0:
-                what = self._paths.get(one.name, "a load")
-                yield (
-                    f"bodies.{one.name}: {what} acts beside its interfaces, and its file does not "
-                    "tell whether its modes answer that: name the point as an interface, or reduce "
-                    "it again with that node among its load_points"
-                )
+                yield self._not_known(one)
         yield from self.beyond.values()
+
+    def notes_of_modes(self, made: Linearization) -> Iterator[str]:
+        """Sentences on bodies whose nodes with joints spoil natural frequencies of a scene at rest.
+
+        Of those below the modes that are left out.
+        """
+        for one in self._bodies if not made.state.v.any() else ():
+            response, omitted = one.body.load_response, one.body.omitted_modes
+            if not len(one.markers) or made.compiled.layout.nv > MAX_COORDINATES:
+                continue
+            if response is None or (one.places < 0).any():
+                yield self._not_known(one)
+                continue
+            R, hertz = response.missing, made.frequencies
+            errors = errors_at_nodes(made, one.columns, R, one.markers, one.places)
+            last = np.inf if omitted is None else omitted.frequency.min(initial=np.inf)
+            for k in np.flatnonzero((hertz < last) & (errors > LARGEST_ERROR))[:1]:
+                yield (
+                    f"bodies.{one.name}: for want of modes that answer the load of "
+                    f"{self._paths.get(one.name)}, which acts beside its interfaces, natural "
+                    f"frequencies from {self._units.say(hertz[k], 'Hz', 3)} on are too high, this "
+                    f"one by about {percent(errors[k])}; {_CURE}"
+                )
+
+    def _not_known(self, one: _MonitoredBody) -> str:
+        what = self._paths.get(one.name, "a load")
+        return (
+            f"bodies.{one.name}: {what} acts beside its interfaces, and its file does not tell "
+            "whether its modes answer that: name the point as an interface, or reduce it again "
+            "with that node among its load_points"
+        )
 
     def _inertia(self, one: _MonitoredBody, share: float, t: float, speed: float) -> str:
         cure = 'reduce it with residual = "inertia"'
@@ -325,7 +359,7 @@ class ModalBasisMonitor:
     def _load(self, one: _MonitoredBody, share: float, t: float, _: float) -> str:
         what = self._paths.get(one.name)
         place = f"of {what}, which acts beside its interfaces"
-        cure = "name the point as an interface, or give the body a force there among its loads"
+        cure = _CURE
         if what is None or one.body.provenance.get("reduction") == "user":
             place = "of its joints and forces" if what is None else f"of {what}"
             cure = "add the static responses to it to your modes, or take another reduction"

@@ -21,10 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from flexmb.analysis.linear.linearization import Linearization
+from flexmb.analysis.linear.observer import body_axes
+from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.analysis.validity.body_accelerations import BodyAccelerations, Complex
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody
-from flexmb.flexbody.arrays import Array, skew
+from flexmb.flexbody.arrays import Array, IntArray, skew
 
 RESOLVED = 2.0  # phase of a vibration between two rows [rad] up to which rows show it
 _LEAST_PHASE = 5e-3  # by which vibrations get out of phase within the run, that counts [rad]
@@ -163,6 +166,43 @@ class OmittedOscillators:
             slope = slopes[-1] if len(slopes) else np.nan
             state[k] = z[-1].real, z[-1].imag, slope, follow[-1], time[-1]
         return beyond
+
+
+def errors_at_nodes(
+    made: Linearization, columns: BodyColumns, missing: Array, markers: IntArray, places: IntArray
+) -> Array:
+    """How much too high natural frequencies (k,) are, as nodes of a body give way too little.
+
+    Joints pull at nodes besides the interfaces, where the modes lack a part of the compliance. In a
+    mode with the loads c there, cᵀ R c over twice its energy is the part that this adds to 1/ω².
+
+    Parameters
+    ----------
+    made : Linearization
+        Of a scene at rest.
+    columns : BodyColumns
+        The body.
+    missing : (l, l) array
+        R: twice the missing strain energy by loads at nodes.
+    markers, places : (n,) int arrays
+        Markers of the engine at these nodes, and the first of six columns of each.
+    """
+    compiled, at, X, s = made.compiled, made.tangents, made.shapes, made.eigenvalues
+    lam = np.linalg.lstsq(at.Cq.T, at.M @ X * s**2 + at.D @ X * s + at.K @ X, rcond=None)[0]
+    equations, rows = StateEquations(compiled, made.state), compiled.system.rows
+    equations.residual()
+    A = body_axes(compiled, made.state.q)[compiled.layout.bodies.index(columns)]
+    c, own = np.zeros((len(missing), len(s)), complex), slice(columns.iv, columns.iv + 6)
+    for marker, place in zip(markers, places, strict=True):
+        mine = np.flatnonzero((rows["I"] == marker) | (rows["J"] == marker))
+        J = equations.marker_motion(marker)[:, own]
+        W = np.linalg.solve(J.T, at.Cq[mine][:, own].T @ lam[mine])
+        force, moment = A.T @ W[:3], A.T @ W[3:]
+        arm = skew(compiled.system.parts.markers["arm"][marker])
+        c[place : place + 6] += np.vstack([force, moment + arm @ force])
+    energy = np.abs(s) ** 2 * _squares(at.M, X)
+    share = np.divide(_squares(missing, c), energy, out=np.zeros(len(s)), where=energy > 0.0)
+    return np.asarray(np.sqrt(1.0 + share) - 1.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.analysis.linear.linearization import Linearization
 from flexmb.analysis.monitors import Indicator, Monitor
 from flexmb.analysis.validity.frequency_error import FrequencyErrorMonitor
 from flexmb.analysis.validity.linear_elasticity import (
@@ -132,10 +133,8 @@ class ValidityMonitor:
         By its inertia coupling in its frame, by rotation without stiffening, or by loads that
         buckle it, up to the last state of the run.
         """
-        none = np.zeros((1, 0))
-        motion = (state.q, state.v, state.vd, state.lam)
-        if all(np.isfinite(one).all() for one in motion):
-            last = OutputBlock(state.t[:1].copy(), *(one[None] for one in motion), *[none] * 4)
+        last = _row_of(state)
+        if all(np.isfinite(one).all() for one in (last.q, last.v, last.vd, last.lam)):
             self._elasticity.add(last)
             self._load_factor.add_last(last)
             if self._inertia:
@@ -168,6 +167,22 @@ class ValidityMonitor:
                 )
                 return f"{cause} (bound {bound:g}; {way_on})"
         return ""
+
+
+def limits_of_vibrations(made: Linearization) -> list[str]:
+    """Sentences on bodies whose modes or loads spoil the vibrations about a state."""
+    of = made.compiled, made.model
+    monitor = LoadFactorMonitor(*of, made.state.q, is_motion=False)
+    monitor.add(_row_of(made.state))
+    notes = [one.text() for one in monitor.indicators() if one.value > one.warning]
+    return [*notes, *ModalBasisMonitor(*of, is_motion=False).notes_of_modes(made)]
+
+
+def _row_of(state: State) -> OutputBlock:
+    """The row of a state, without sensors and reactions."""
+    motion = (state.q, state.v, state.vd, state.lam)
+    none = np.zeros((1, 0))
+    return OutputBlock(state.t[:1].copy(), *(one[None] for one in motion), *[none] * 4)
 
 
 def _inertia_monitor(
