@@ -122,9 +122,9 @@ LENGTH, COUPLER, CRANK, CRANK_INERTIA, FEET = 0.3, 2.0, 0.5, 0.01, (0.0, 0.4, 0.
 WALL, STIFFNESS, RESTITUTION, G = 0.1, 1e6, 0.5, 9.81
 
 
-def parallelogram():
+def parallelogram(plane="xy"):
     """In its plane one constraint equation is redundant, in any pose but not beside it."""
-    made = Model("parallelogram", plane="xy", gravity=[0, -G, 0])
+    made = Model("parallelogram", gravity=[0, -G, 0], **({"plane": plane} if plane else {}))
     joint = LENGTH * np.array([np.sin(1.0), -np.cos(1.0), 0.0])
     made.add_body("coupler", mass=COUPLER, inertia=[0.2] * 3, position=list(joint))
     made.add_marker("ground.wall", position=[-WALL - 0.02, 0, 0])
@@ -180,10 +180,17 @@ def swing_against_the_wall(t):
     return found
 
 
-@pytest.mark.parametrize("accuracy", [1e-3, 1e-4, 1e-5])
-def test_an_impact_leaves_no_self_stress_in_three_parallel_cranks(accuracy):
-    """The short steps at the wall left round-off over h² in them: 16 accuracies of 1e-5."""
-    found = flexmb.simulate(parallelogram(), duration=3.0, outputs=100, accuracy=accuracy,
+@pytest.mark.filterwarnings("ignore:.*redundant")
+@pytest.mark.parametrize(
+    ("accuracy", "plane"), [(1e-3, "xy"), (1e-4, "xy"), (1e-5, "xy"), (1e-4, ""), (1e-5, "")]
+)
+def test_an_impact_leaves_no_self_stress_in_three_parallel_cranks(accuracy, plane):
+    """The short steps at the wall left round-off over h² in them: 16 accuracies of 1e-5.
+
+    In space the run from the last impact, by which vibrations are measured, had it: 47 times the
+    error of the reactions was told.
+    """
+    found = flexmb.simulate(parallelogram(plane), duration=3.0, outputs=100, accuracy=accuracy,
                             method="generalized-alpha")  # fmt: skip
     angle, rate = swing_against_the_wall(found.time)
     wanted = LENGTH * np.array([np.sin(angle), -np.cos(angle)])
@@ -199,4 +206,21 @@ def test_an_impact_leaves_no_self_stress_in_three_parallel_cranks(accuracy):
     pull = moved * (turning * np.cos(angle) - rate**2 * np.sin(angle))
     feet = sum(found[f"foot{k}.x"] for k in range(3))
     assert abs(feet - pull)[flies].max() < 20 * accuracy * np.ptp(pull)
-    assert found.statistics["measured_error_of_reactions"] < 0.02
+    assert found.statistics["measured_error_of_reactions"] < 20 * accuracy
+
+
+@pytest.mark.filterwarnings("ignore:.*redundant")
+def test_fixed_steps_after_an_impact_leave_no_self_stress():
+    """Each foot has its share as with explicit steps: 1.1e-4 of its range were missing."""
+    fixed, free = (
+        flexmb.simulate(parallelogram(""), duration=0.6, outputs=60, **knobs)
+        for knobs in ({"method": "generalized-alpha", "step": 2e-5},
+                      {"method": "explicit-rk", "accuracy": 1e-8})
+    )  # fmt: skip
+    angle, _ = swing_against_the_wall(fixed.time)
+    np.testing.assert_allclose(fixed["coupler.x"], LENGTH * np.sin(angle), rtol=0, atol=1e-6)
+    for k in range(3):
+        for axis in "xy":
+            gap = fixed[f"foot{k}.{axis}"] - free[f"foot{k}.{axis}"]
+            assert abs(gap).max() < 2e-5 * np.ptp(free[f"foot{k}.{axis}"])
+    assert fixed.statistics["steps"] == 30_000

@@ -194,6 +194,15 @@ def _first_vibration(
     return replace(rows[0], **parts), rows[-2].v[0]
 
 
+def _state_at_jump(run: Integration, first: State, jumps: JumpStates, k: int) -> State:
+    """The state at jump or event k, with the error scales and the longest step of the run."""
+    state = State(*(array.copy() for array in first))
+    jumps.put(k, state)
+    state.q_scale[:], state.v_scale[:] = run.state.q_scale, run.state.v_scale
+    state.memory["largest_step"] = run.state.memory["largest_step"]
+    return state
+
+
 def _runs_after_jump(
     run: Integration, settings: method.Settings, first: State, jumps: JumpStates, k: int,
     end: float, most: int = 0,
@@ -224,9 +233,7 @@ def _runs_after_jump(
         else min(tolerance, _FINE_TOLERANCE)
     )
     for local, integrator in ((finer, radau), (tolerance, run.method)):
-        state = State(*(array.copy() for array in first))
-        jumps.put(k, state)
-        state.q_scale[:], state.v_scale[:] = (run.state.q_scale, run.state.v_scale)
+        state = _state_at_jump(run, first, jumps, k)
         if local == tolerance and k > 0:
             state.memory[0]["next_step"] = state.memory[0]["last_step"] = step
         own = settings._replace(tolerance=local, start=begin, end=end)
@@ -335,10 +342,7 @@ class _VibrationRuns:
         times = jumps.outputs[(jumps.outputs > after) & (jumps.outputs <= end)]
         output = float(times.min(initial=end))
         prepare_units(integration_units(run.compiled.system, radau))
-        fine, coarse = (State(*(array.copy() for array in self._first)) for _ in range(2))
-        for state in (fine, coarse):
-            jumps.put(k, state)
-            state.q_scale[:], state.v_scale[:] = (run.state.q_scale, run.state.v_scale)
+        fine, coarse = (_state_at_jump(run, self._first, jumps, k) for _ in range(2))
         if 0 < k < MAX_JUMPS:
             coarse.memory[0]["next_step"] = coarse.memory[0]["last_step"] = step
         own = self._settings._replace(tolerance=tolerance, start=begin, end=end)

@@ -8,9 +8,9 @@ chunks is saved; its steps and the compared values stay in memory.
 A chaotic motion amplifies any error exponentially in time (Lyapunov exponent; Hairer, Nørsett &
 Wanner, Solving Ordinary Differential Equations I, 1993, §I.16). Errors of the method decrease with
 the steps, round-off does not; the difference of the two runs, divided by the ratio of their errors,
-does not show it. So if the differences have grown exponentially, the scout is run again on its own
-steps, with their ends shifted alternately by 1e-9 of a step. These runs have the same errors of the
-method, but different round-off.
+does not show it. So if the differences have grown exponentially, or little error is requested, the
+scout is run again on its own steps, with their ends shifted alternately by 1e-9 of a step. These
+runs have the same errors of the method, but different round-off.
 """
 
 from __future__ import annotations
@@ -82,11 +82,14 @@ _LIMITED_SHARE = 0.02
 # shifted.
 _KNOT_SHIFT, _EVEN_RATIO = 1e-9, 2.0
 _ANY_ERROR = 1e6  # rejection factor of repeated runs: the scout has accepted these steps
-# Amplified round-off is measured if a bound of it exceeds _MIN_BOUND times the requested accuracy:
-# by one repeated run, and by three on given steps if that one shows more than _MIN_AMPLIFIED times
-# the accuracy. The bound is _BOUND_FACTOR (True: explicit) times that by the growth of differences,
+# Amplified round-off is measured if a bound of it exceeds _MIN_BOUND times the requested
+# accuracy, and always for accuracies up to _CLOSE_ACCURACY, since errors of the method hide its
+# growth where they are small with what multiplies them (a body about its middle axis): by one
+# repeated run, and by three on given steps if that one shows more than _MIN_AMPLIFIED times the
+# accuracy. The bound is _BOUND_FACTOR (True: explicit) times that by the growth of differences,
 # which was exceeded by up to 70 (explicit) and 1000 (radau; chains of pendulums, near the origin
 # and 1 km away).
+_CLOSE_ACCURACY = 1e-7
 _MIN_BOUND, _MIN_AMPLIFIED, _BOUND_FACTOR = 0.1, 0.0025, {True: 100.0, False: 1000.0}
 _MAX_REPEATED_STEPS = 1.1  # steps of a repeated scout over those of the scout, at most
 
@@ -322,7 +325,8 @@ def measure_round_off_growth(
     exceeded = _BOUND_FACTOR[verified.fine.method.stages > 0]
     bound = exceeded * np.sqrt(steps) * error.round_off_share() * error.growth()
     worst = verified.errors().get("positions")
-    suspected = bound > _MIN_BOUND * accuracy and not verified.is_limited
+    close = accuracy <= _CLOSE_ACCURACY
+    suspected = (close or bound > _MIN_BOUND * accuracy) and not verified.is_limited
     if worst is None or not (suspected or worst.error > accuracy):
         return
     try:

@@ -33,7 +33,7 @@ import numpy as np
 from flexmb.engine.algebra.ldl import solve, solve_refined
 from flexmb.engine.algebra.vector import copy, weighted_max
 from flexmb.engine.bodies.motion import interpolate_step, move, put_dq_round_off
-from flexmb.engine.equations_of_motion import residual, run_stage
+from flexmb.engine.equations_of_motion import position_stage, residual, run_stage
 from flexmb.engine.error_scales import add_static_error_of_path
 from flexmb.engine.iteration_matrix import (
     REFACTOR_ABOVE,
@@ -41,6 +41,7 @@ from flexmb.engine.iteration_matrix import (
     check_contraction,
     factorise,
     has_dependent_rows,
+    remove_self_stress,
 )
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.method import NO_CONVERGENCE, NOT_FINITE, SUCCESS, Method
@@ -68,6 +69,9 @@ _MAX_UNPROJECTED_RADIUS = 0.95
 # work or rows are redundant: their multipliers have what is left of the constraints, over h².
 # Later steps keep the self-stress of redundant rows.
 _SHORT_STEP, _SHORT_STEP_OF_REDUNDANT_ROWS = 0.01, 0.5
+# Self-stress of redundant rows is removed after so many steps: round-off of positions adds to it
+# 1e-7 of the mass over b in each, which the tangent of Cqᵀλ brings into the matrix.
+_RELIEF_INTERVAL = 50
 _ROUND_OFF = 1e-12
 # Iterative refinements of a solve with a factor whose pivots were replaced.
 _REFINEMENTS = 3
@@ -220,6 +224,8 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
             clean = alpha.project == 1 or depends_on_solution(run) or _is_short(run, h)
             if clean and st.lam.shape[0] > 0:
                 return _project(run, alpha, b, VELOCITIES)
+            if count["steps"] % _RELIEF_INTERVAL == 0 and has_dependent_rows(factor, 0.0):
+                _relieve_redundant_rows(run, b)
             return SUCCESS
     return NO_CONVERGENCE
 
@@ -234,6 +240,15 @@ def _is_short(run, h):
     for k in range(rows.shape[0]):
         short = short or (rows[k]["fun"] >= 0 and h < _SHORT_STEP * longest)
     return short
+
+
+@kernel
+def _relieve_redundant_rows(run, b):
+    """Remove the self-stress from the multipliers of the trial state; the factor is used up."""
+    run.work.factor.symmetric[0] = 1
+    position_stage(run, run.trial_point)
+    remove_self_stress(run, run.trial_point, b)
+    run.state.memory[0]["factor_age"] = -1.0
 
 
 @kernel

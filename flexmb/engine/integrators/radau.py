@@ -59,7 +59,9 @@ if TYPE_CHECKING:
     from flexmb.model.scenes.dynamics import DynamicsSpec
 
 # Newton's method stops at this share of the error of a step whose estimate equals the tolerance.
-_NEWTON_SHARE = 0.005
+# The steps of a plan are shorter, and what is left is less as their errors are: else the difference
+# of both runs would hardly show it, though a motion may multiply it (a body about its middle axis).
+_NEWTON_SHARE = 5e-4
 # An old factor is renewed before a step if the expected contraction exceeds this.
 _RENEW_ABOVE = 0.1
 # Largest relative change of the step size with which an old factor is used.
@@ -183,7 +185,8 @@ def _allowed_correction(run, h):
     if settings.newton_tolerance > 0.0:
         return settings.newton_tolerance * h * h * weighted_max(run.state.vd, run.system.weights)
     # the error estimate is of order h⁴, the error of the step of order h⁶
-    return _NEWTON_SHARE * settings.tolerance**1.5
+    finer = max(settings.refinement, 1.0) ** (run.method.order + 1)
+    return _NEWTON_SHARE * settings.tolerance**1.5 / finer
 
 
 @kernel
