@@ -279,7 +279,10 @@ def test_bending_beside_a_large_motion_is_as_accurate():
 
 @pytest.mark.parametrize(
     ("make", "duration", "accuracy", "most"),
-    [(four_bar_with_a_beam, 1.2, 1e-4, 3000), (suddenly_loaded_beam, 0.6, 1e-3, 5000)],
+    [
+        (four_bar_with_a_beam, 1.2, 1e-4, 3000),
+        pytest.param(suddenly_loaded_beam, 0.6, 1e-3, 5000, marks=pytest.mark.slow),
+    ],
 )
 def test_what_only_trembles_is_not_resolved(make, duration, accuracy, most):
     """From rest, and suddenly loaded: with few steps as accurate as asked for."""

@@ -55,9 +55,8 @@ def share_between(run, other, sensor):
     return max(np.abs(run[name] - other[name]).max() for name in names) / size
 
 
-@pytest.mark.parametrize(
-    "share", [0.05, *(pytest.param(s, marks=pytest.mark.slow) for s in (0.3, 0.7))]
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.05, 0.3, 0.7])
 def test_stiffening_left_out_of_a_spinning_bar(share, tmp_path):
     run = flexmb.simulate(spinning(share), output=tmp_path)
     true = share_between(run, flexmb.simulate(spinning(share, "full")), "tip")
@@ -114,7 +113,10 @@ def rotor_on_a_mast():
 @pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
 @pytest.mark.parametrize(
     ("body", "word", "effect", "within"),
-    [("mast", "rigid", "deformation", 0.02), ("blade", "quasi-static", "vibration", 0.01)],
+    [
+        ("mast", "rigid", "deformation", 0.02),
+        pytest.param("blade", "quasi-static", "vibration", 0.01, marks=pytest.mark.slow),
+    ],
 )
 def test_stiff_modes_follow_bodies_that_turn_against_one_another(
     body, word, effect, within, tmp_path
@@ -407,6 +409,7 @@ def test_two_panels_that_mirror_each_other_do_not_move_the_craft_between_them(tm
         assert find(audit, "deformation", body).sensor == body
 
 
+@pytest.mark.slow
 def test_coupling_of_a_slow_body_without_data_for_stiffening(tmp_path):
     """A rod from arrays: its coupling alone is estimated while it turns slowly, and switched on."""
     runs = {}

@@ -71,13 +71,16 @@ def told_and_true(models):
     return made.channels[:, k], other["place.x"] - run["place.x"]
 
 
-@pytest.mark.parametrize("scene", [block_on_a_guide, puck_on_a_floor, block_under_a_load])
+@pytest.mark.parametrize("scene", [
+    block_on_a_guide, pytest.param(puck_on_a_floor, marks=pytest.mark.slow), block_under_a_load,
+])  # fmt: skip
 def test_what_has_slid_further_sticks_at_another_place(scene):
     """What a larger force adds to its way stays when it sticks, as what friction takes from it."""
     told, true = told_and_true([scene(4.0), scene(4.0 * MORE)])
     assert np.abs(told - true).max() < 0.03 * np.ptp(true)
 
 
+@pytest.mark.slow
 def test_a_contact_that_is_open_at_first_and_vibrates_faster_than_the_rows():
     models = [puck_on_a_floor(2.0 * f, depth=0.0) for f in (1.0, MORE)]
     for model in models:

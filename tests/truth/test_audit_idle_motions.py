@@ -44,6 +44,7 @@ def test_a_strip_that_spins_idly_turns_its_soft_side_to_its_load(tmp_path):
     assert 1 / 3 < told / true < 3
 
 
+@pytest.mark.slow
 def test_a_reduction_of_another_mesh_in_the_folder_is_not_audited(tmp_path):
     """The audit of a rigid rod took the modes of one that an earlier run left in its folder."""
     thick = {"sections": {"all": {"type": "rectangle", "y": 0.02, "z": 0.03}}}

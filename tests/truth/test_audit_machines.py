@@ -208,6 +208,7 @@ def test_a_stiff_arm_rings_when_its_motor_begins_at_once(tmp_path):
     assert told == pytest.approx(true, rel=0.03)
 
 
+@pytest.mark.slow
 def test_stiff_modes_do_not_ring_as_an_elbow_turns(tmp_path):
     """They vibrate about places that turn with the lower arm, by 0.1 rad from row to row."""
     told, true = deformation_of(two_arms(), "upper", tmp_path)["elbow"]
@@ -226,6 +227,7 @@ def test_vibrations_that_the_rows_did_not_resolve_cancel(body, tmp_path):
     assert told == pytest.approx(true, rel=0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("profile", ["step", "spline"])
 def test_rates_of_what_follows_its_loads_are_no_noise(profile, tmp_path):
     """Their second rates from row to row made 86 % and 14 % of a reaction of less than 0.03 %."""
@@ -243,6 +245,7 @@ def test_rates_of_what_follows_its_loads_are_no_noise(profile, tmp_path):
     assert found["rate"][0] < 1e-3
 
 
+@pytest.mark.slow
 def test_rates_of_shapes_that_follow_their_loads_are_no_noise(tmp_path):
     """A pendulum whips: it is audited with more rows, in which they made 54 % of a reaction."""
     model = random_model(22)
@@ -254,6 +257,7 @@ def test_rates_of_shapes_that_follow_their_loads_are_no_noise(tmp_path):
     assert told == pytest.approx(true, rel=0.5)
 
 
+@pytest.mark.slow
 def test_reactions_to_an_effect_of_bodies_that_follow_have_no_inertia_of_these(tmp_path):
     """They were less than a half of it."""
     words, effect = CONSTANT, "coupling and stiffening"
@@ -286,6 +290,7 @@ def test_a_contact_remembers_the_speed_of_its_impact(tmp_path):
     assert true < told < 0.05
 
 
+@pytest.mark.slow
 def test_reactions_of_bodies_that_follow_have_the_inertia_of_their_deformation(tmp_path):
     """They were a fifth of it: 1.9 % of vibration were told for 0.2 %."""
     model = closed_loop()
@@ -305,6 +310,7 @@ def test_a_selection_sees_what_two_columns_do_together(tmp_path):
     assert find(flexmb.audit(run), "deformation", "left").on
 
 
+@pytest.mark.slow
 def test_bodies_of_long_names_are_audited_together(tmp_path):
     """The folder of their common run had the names of all of them, too long for a file system."""
     model = Model("two arms")
@@ -395,6 +401,7 @@ def test_a_jib_rings_by_as_much_as_its_load_bent_it(is_on, tmp_path):
         assert true > 0.05 and told == pytest.approx(true, rel=0.2)
 
 
+@pytest.mark.slow
 def test_vibrations_under_a_controller_that_sees_rates(tmp_path):
     """Estimates along a rigid motion differ by more than them: 1 % for 0.01 % of a tool."""
     words = {"deformation": "quasi-static"}

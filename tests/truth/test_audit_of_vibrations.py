@@ -52,6 +52,7 @@ def test_the_vibration_of_one_link_beside_another(body, off, tmp_path):
     assert found.share == pytest.approx(true, rel=0.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("speed", [200.0, 800.0])
 def test_a_wheel_that_spins_on_a_swinging_arm(speed, tmp_path):
     """Its axes turn beside those of the arm, by up to a radian from row to row. Splines of its tilt

@@ -182,6 +182,7 @@ def swung(planar=True):
     return model
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
 def test_what_a_plane_leaves_out_of_bending(tmp_path):
     """Against the same beam in space."""

@@ -231,6 +231,7 @@ def turning(start, stiffened):
     return made
 
 
+@pytest.mark.slow
 def test_stiffening_and_its_guards_know_the_body_not_its_frame():
     starts = [np.zeros(3), ARM]
     near, far = (flexmb.linearize(turning(start, True)).frequencies for start in starts)
@@ -255,6 +256,7 @@ def test_symbols_in_pictures_have_the_size_of_the_machine():
     assert sizes[1] == pytest.approx(sizes[0])
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
 def test_what_gravity_does_to_a_pendulum_is_its_motion_wherever_its_frame_is(tmp_path):
     """Without gravity it rests: 1. A bar whose frame is not at its pin was told 1.07."""

@@ -195,7 +195,7 @@ def test_a_body_without_their_data_is_refused():
         flexmb.statics(model)
 
 
-@pytest.mark.parametrize("load", [3.0, 30.0])
+@pytest.mark.parametrize("load", [3.0, pytest.param(30.0, marks=pytest.mark.slow)])
 def test_auto_has_them_where_they_matter(load, tmp_path):
     """Where a run without is refused, and where the audit tells what it lacks."""
     mesh, edge = square("quad")

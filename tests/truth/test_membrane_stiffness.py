@@ -198,6 +198,7 @@ def test_geometric_stiffening_has_no_forces_within_one_interface():
     )
 
 
+@pytest.mark.slow
 def test_a_plate_that_turns_without_stiffening_is_told_to_lack_membrane_forces():
     """A square plate clamped along an edge and pushed at a corner, at the unit of its speed."""
     unit = 0.01 * np.sqrt(70e9 / (12 * 2700 * (1 - 0.3**2)))

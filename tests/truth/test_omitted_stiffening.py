@@ -167,8 +167,9 @@ def test_rare_rows_do_not_lag_behind_a_slow_force(outputs, share):
     assert told(found) == pytest.approx((change, change), rel=0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("outputs", [
-    11, pytest.param(23, marks=pytest.mark.slow), pytest.param(130, marks=pytest.mark.slow),
+    11, 23, 130,
 ])  # fmt: skip
 def test_rare_rows_of_a_fast_force_tell_its_mean(outputs):
     """Half of the buckling load at 61.7 Hz, a slow beat in 130 rows: none on average."""

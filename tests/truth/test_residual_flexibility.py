@@ -296,6 +296,7 @@ def beam_on_a_stop(deformation, height=-0.2, stiffness=2e4):
     return made
 
 
+@pytest.mark.slow
 def test_a_stop_that_is_stiffer_than_a_quasi_static_body_is_named():
     """By far: whether a stop of 2e4 N/m settles depends on round-off."""
     knobs = {"duration": 0.3, "outputs": 30, "accuracy": 1e-3}

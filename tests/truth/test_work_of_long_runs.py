@@ -39,6 +39,7 @@ def fan_truth(t):
     return {"turn": y[0], "w": y[1]}
 
 
+@pytest.mark.slow
 def test_the_work_of_a_long_run_is_no_alarm():
     found = judged(fan(), fan_truth, duration=1000.0, outputs=20, accuracy=1e-3)
     assert found.statistics["energy_balance_error"] > 0.05
