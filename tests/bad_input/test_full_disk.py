@@ -74,6 +74,7 @@ def run_python(code: str, *words: str | Path) -> str:
     return done.stdout
 
 
+@pytest.mark.slow
 def test_no_limit_crashes_the_writer(tmp_path: Path) -> None:
     lines = [line.split(" ", 2) for line in run_python(LIMITS, tmp_path).splitlines()]
     assert len(lines) == 30

@@ -220,7 +220,13 @@ MESHES = {  # what loops or takes memory in the parsers of meshio 5.3
 }
 
 
-@pytest.mark.parametrize("name", MESHES)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=pytest.mark.slow) if name in ("cut.dat", "cut.ply") else name
+        for name in MESHES
+    ],
+)
 def test_cut_and_lying_meshes_end_in_a_sentence(tmp_path: Path, monkeypatch, name: str) -> None:
     monkeypatch.setattr(untrusted, "_SECONDS", 1.5)  # of the processor: two parsers loop until then
     (tmp_path / name).write_text(MESHES[name])

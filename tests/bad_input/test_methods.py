@@ -101,6 +101,7 @@ def parallelogram():
     return made
 
 
+@pytest.mark.slow
 def test_a_method_that_stops_at_a_singular_pose_names_one_that_gets_through():
     """m r² ẅ of all by the angle of a crank: the coupler moves along a circle without turning."""
     knobs = {"duration": 1.0, "outputs": 20, "accuracy": 1e-6}

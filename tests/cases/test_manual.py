@@ -9,6 +9,8 @@ import pytest
 from manualkit import blocks, pages, run_page
 
 PAGES = pages()
+LONG = {"audit", "flexible-bodies", "pictures", "reduction", "results", "scenes", "statics"}
+"""Pages whose blocks take seconds; `.ci/run` runs them beside the fast tests."""
 SLOW = [
     name
     for name, path in PAGES.items()
@@ -28,7 +30,9 @@ def _check(name: str, folder: Path, slow: bool) -> None:
     assert not wrong, "\n".join([cure, *wrong])
 
 
-@pytest.mark.parametrize("name", PAGES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(k, marks=pytest.mark.slow) if k in LONG else k for k in PAGES]
+)
 def test_the_blocks_of_a_page_run_and_print_what_it_shows(name: str, tmp_path: Path) -> None:
     _check(name, tmp_path, slow=False)
 

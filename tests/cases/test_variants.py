@@ -50,7 +50,7 @@ def test_the_excavator_with_a_rigid_boom_is_the_one_of_kinematics(tmp_path: Path
     [
         pytest.param("slow.toml", False, marks=pytest.mark.slow),
         ("medium.toml", False),
-        ("scene.toml", True),
+        pytest.param("scene.toml", True, marks=pytest.mark.slow),
     ],
 )
 def test_the_audit_says_at_which_speed_a_rigid_rod_is_wrong(scene, missing, tmp_path: Path) -> None:

@@ -111,6 +111,7 @@ def mast(**words):
 
 
 @pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
+@pytest.mark.slow
 def test_a_body_that_vibrates_beside_one_that_follows_its_loads(tmp_path):
     """What stiffening does to the frequency of the mast grows with time; it was left out."""
     run = flexmb.simulate(mast(inertia_coupling="constant"), output=tmp_path / "without")
