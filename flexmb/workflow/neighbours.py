@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 
 # relative difference of velocities and accelerations between rows, above which rows are too few
 _RATE_GAP = 0.2
-_RINGING_SHARE = 0.003  # share of a sensor's signal that may vibrate faster than the rows resolve
+_RINGING_SHARE = 0.0025  # share of a sensor's signal that may vibrate faster than the rows resolve
 _ENOUGH_ROWS = 1.1  # rows suffice if not more than this factor of rows would be needed
 _REFINEMENT = 4  # largest factor of additional rows if the rows do not resolve the motion
 _MAX_ENTRIES = 1.2e7  # entries of a matrix of the coordinates in all rows: 100 MB
