@@ -261,7 +261,9 @@ class OmittedStiffeningMonitor:
     def _buckled(self, name: str, value: float, t: float, level: float) -> str:
         what = f"it is compressed by about {value:.2g} of the load that buckles it"
         if level > LARGEST_LOAD_FACTOR:
-            what = f"it is bent by about {value:.2g} of the load by which it buckles sideways"
+            what = (
+                f"it is bent by at least about {value:.2g} of the load by which it buckles sideways"
+            )
         return (
             f"bodies.{name}: at t = {self._units.say(t, 's', 4)} {what}, yet its forces do not "
             'soften it; reduce it with geometric_stiffening = "full"'
