@@ -18,7 +18,7 @@ from scipy.optimize import brentq
 
 import flexmb
 from flexmb.analysis.validity.load_factor import _EULER, LoadFactorMonitor
-from flexmb.fe import Mesh, part, rectangle, reduce
+from flexmb.fe import Mesh, general, part, rectangle, reduce
 from flexmb.model import Model
 from flexmb.workflow.neighbours import ModelVariants
 from tests.accuracyscenes.judging import judged
@@ -82,11 +82,15 @@ def all_are_told(monkeypatch):
     monkeypatch.setattr("flexmb.analysis.validity.load_factor.NEAR_BUCKLING", 1e-3)
 
 
-@pytest.mark.parametrize("ends", EULER)
-@pytest.mark.parametrize("share", [0.2, 0.9])
-def test_the_load_factor_is_the_share_of_eulers_load(ends, share, all_are_told, monkeypatch):
+@pytest.fixture
+def exactly_told(all_are_told, monkeypatch):
     monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t:
                         f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
+
+
+@pytest.mark.parametrize("ends", EULER)
+@pytest.mark.parametrize("share", [0.2, 0.9])
+def test_the_load_factor_is_the_share_of_eulers_load(ends, share, exactly_told):
     assert load_factor(loaded(ends, share * EULER[ends])) == pytest.approx(share, rel=0.01)
 
 
@@ -108,18 +112,14 @@ def test_rare_rows_do_not_lag_behind_a_load_that_rises(outputs, all_are_told):
     "variant", [{"place": (1000.0, -200.0, 300.0)}, {"size": 1e-6}, {"kind": "solid"}],
     ids=["1 km away", "of a micrometre", "of solids"],
 )  # fmt: skip
-def test_wherever_it_stands_and_of_any_size(variant, all_are_told, monkeypatch):
-    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t:
-                        f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
+def test_wherever_it_stands_and_of_any_size(variant, exactly_told):
     size = variant.get("size", 1.0)
     model = loaded("cantilever", 0.5 * EULER["cantilever"] * size**2, **variant)
     assert load_factor(model, 0.02 * size) == pytest.approx(0.5, rel=0.01)
 
 
-def test_a_thin_column_beside_a_flywheel(all_are_told, monkeypatch):
+def test_a_thin_column_beside_a_flywheel(exactly_told):
     """A thin rod on a ball joint turns about itself by nothing, beside the heaviest of bodies."""
-    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t:
-                        f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
     model = loaded("cantilever", 0.5 * EULER["cantilever"])
     model.add_marker("ground.ball", position=[0, 5, 0])
     model.add_body("rod", rod(0.002, 0.3), position=[0, 5, 0])
@@ -141,10 +141,8 @@ def test_a_run_warns_before_the_column_buckles_and_stops_where_it_does(share, wh
     assert not [note for note in outcome(tensile, duration=0.1).notes if "buckle" in note]
 
 
-def test_a_mast_with_a_mass_on_top_is_a_cantilever_under_its_weight(all_are_told, monkeypatch):
+def test_a_mast_with_a_mass_on_top_is_a_cantilever_under_its_weight(exactly_told):
     """The mass moves with the tip; held there, the load factor would be a sixteenth."""
-    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t:
-                        f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
     load, mass = 0.5 * EULER["cantilever"], 100.0
     model = Model("mast", gravity=[-load / mass, 0, 0])
     model.add_body("column", column())
@@ -193,13 +191,9 @@ def test_the_estimate_without_stiffening_is_eulers_load() -> None:
     assert _EULER == pytest.approx(1 / np.pi**2, rel=0.02)
 
 
-def test_a_blade_that_points_to_the_axis_is_buckled_by_its_own_centrifugal_load(
-    all_are_told, monkeypatch
-):
+def test_a_blade_that_points_to_the_axis_is_buckled_by_its_own_centrifugal_load(exactly_told):
     """∫q dx = 16.1 EI/L² of loads q = q₀ (1 − x/L) along a cantilever buckle it (Timoshenko & Gere,
     §2.12, of the powers n of 1 − x/L that of n = 1). Here q₀ = ρA Ω² L."""
-    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t:
-                        f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
     speed = np.sqrt(0.5 * 2 * 16.1)
     model = Model("blade")
     model.add_body("hub", mass=1.0, inertia=[1, 1, 1])
@@ -255,10 +249,8 @@ def test_the_load_factors_of_many_rows_are_those_of_each(monkeypatch):
     np.testing.assert_allclose(monitor._values(rows, some)[0][:, 0], values[some], rtol=1e-9)
 
 
-def test_equal_columns_of_a_frame_buckle_together(all_are_told, monkeypatch):
+def test_equal_columns_of_a_frame_buckle_together(exactly_told):
     """Row by row one or the other was named, and the mean of each was half of the load factor."""
-    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t:
-                        f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
     model, middle = Model("frame"), column().interface("root").position
     model.add_body("beam", mass=0.1, inertia=[0.01] * 3, position=[1, 0.4, 0])
     for name, place in (("left", 0.0), ("right", 0.8)):
@@ -330,13 +322,11 @@ def test_a_body_that_only_follows_its_loads_has_a_load_factor():
 
 
 @pytest.mark.parametrize("on_column", [True, False])
-def test_a_column_under_a_plane_that_turns_or_not(on_column, all_are_told, monkeypatch):
+def test_a_column_under_a_plane_that_turns_or_not(on_column, exactly_told):
     """A slider pushes on a plane across the tip, or with its own plane: then it is a cantilever.
 
     On the plane of the tip, with deflection w and slope θ there, the slider moves by w θ − ∫w′²/2.
     """
-    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t:
-                        f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
     w = [Polynomial([0] * k + [1]) for k in range(2, 10)]
     both = [[(a.deriv() * b.deriv()).integ()(1) for b in w] for a in w]
     tip = [[a(1) * b.deriv()(1) + b(1) * a.deriv()(1) for b in w] for a in w]
@@ -354,10 +344,8 @@ def test_a_column_under_a_plane_that_turns_or_not(on_column, all_are_told, monke
 
 
 @pytest.mark.parametrize("length", [0.5, 1.0, 3.0])
-def test_a_column_that_a_rod_pulls_down(length, all_are_told, monkeypatch):
+def test_a_column_that_a_rod_pulls_down(length, exactly_told):
     """A rod of length a from its tip to the line of the column: − ∫w′²/2 + w²/(2 a) by its pull."""
-    monkeypatch.setattr(LoadFactorMonitor, "_sentence", lambda self, name, value, t:
-                        f"{name} are {value:.6f} of those that buckle it")  # fmt: skip
     w = [Polynomial([0] * k + [1]) for k in range(2, 10)]
     lost = [[(a.deriv() * b.deriv()).integ()(1) - a(1) * b(1) / length for b in w] for a in w]
     bent = [[(a.deriv(2) * b.deriv(2)).integ()(1) for b in w] for a in w]
@@ -370,3 +358,77 @@ def test_a_column_that_a_rod_pulls_down(length, all_are_told, monkeypatch):
     model.add_joint("rod", "distance", between=["column.tip", "slider"])
     model.add_force("load", "force", at="slider", value=[-0.5 * critical, 0, 0])
     assert load_factor(model) == pytest.approx(0.5, rel=0.01)
+
+
+def tip_forms(factor):
+    """Forms of w = x², x³, ... on the column: bending, shortening, and with values at its tip."""
+    w = [factor * Polynomial([0] * k + [1]) for k in range(2, 10)]
+    bent, both = (
+        np.array([[(a.deriv(n) * b.deriv(n)).integ()(1) for b in w] for a in w]) for n in (2, 1)
+    )
+    way, slope = np.array([a(1) for a in w]), np.array([a.deriv()(1) for a in w])
+    return w, bent, both, way, slope
+
+
+def pushed(place, axis, kind, **words):
+    """A slider at a place beyond or before the tip pushes on it by a joint."""
+
+    def model(force):
+        made = loaded("cantilever", 0.0)
+        del made.forces["load"]
+        made.add_body("slider", mass=1e-3, inertia=[1e-3] * 3, position=[place, 0, 0])
+        made.add_marker("ground.rail", position=[place, 0, 0])
+        made.add_joint("guide", "prismatic", between=["ground.rail", "slider"], axis="x")
+        made.add_joint("push", kind, between=["slider", "column.tip"], axis=axis, **words)
+        made.add_force("load", "force", at="slider", value=[-force, 0, 0])
+        return made
+
+    return model
+
+
+@pytest.mark.parametrize("radius", [0.5, 2.0, -2.0])
+def test_a_column_under_a_round_bar(radius, exactly_told):
+    """Its tip, which slides on a bar across it, is pushed along the bar, too: ∫w′² + w²/r is lost;
+    under a bar in front of the tip less, and it bows along the bar by a quarter of π²."""
+    _, bent, both, way, _ = tip_forms(1.0)
+    across = 1.0 / eigh(both + np.outer(way, way) / radius, bent, eigvals_only=True)[-1]
+    critical = min(across, np.pi**2 / 4) if radius < 0 else across
+    model = pushed(1.0 + radius, "y", "cylindrical-spherical")(0.3 * critical)
+    assert load_factor(model) == pytest.approx(0.3, rel=0.01)
+
+
+@pytest.mark.parametrize("apart", [-0.3, -0.1, 0.1])
+def test_a_column_that_slides_along_its_own_axis_on_a_hinge(apart, exactly_told):
+    """The hinge is y on the slider, the slide is z on the tip, at a distance d: the slider moves by
+    w θ - d θ²/2 - ∫w′²/2 with the tip."""
+    _, bent, both, way, slope = tip_forms(1.0)
+    lost = both - np.outer(way, slope) - np.outer(slope, way) - apart * np.outer(slope, slope)
+    critical = 1.0 / eigh(lost, bent, eigvals_only=True)[-1]
+    model = pushed(1.0 + apart, "y", "revolute-cylindrical", second_axis="z")(0.5 * critical)
+    assert load_factor(model) == pytest.approx(0.5, rel=0.01)
+
+
+def test_a_shaft_that_a_joint_of_constant_velocity_turns(exactly_told):
+    """Its moment lies along the bisector of both axes: half of it turns with the shaft
+    (semitangential), and ∫ T (v′w″ - w′v″)/2 dx is lost, of a shaft that is clamped and pinned.
+    Its section is stiff in torsion: others turn by radians before."""
+    w, bent, *_ = tip_forms(Polynomial([1, -1]))
+    mixed = np.array([[(b.deriv() * a.deriv(2) - a.deriv() * b.deriv(2)).integ()(1) for b in w]
+                      for a in w])  # fmt: skip
+    none = np.zeros_like(bent)
+    lost = 0.5 * np.block([[none, mixed], [mixed.T, none]])
+    critical = 1.0 / eigh(lost, np.kron(np.eye(2), bent), eigvals_only=True)[-1]
+    inertia = HEIGHT**4 / 12
+    section = general(HEIGHT**2, inertia, inertia, 50 * inertia)
+    body = reduce(line(16), material=UNIT, sections={"all": section}, modes=8,
+                  interfaces={"root": "root", "tip": "tip"}, geometric_stiffening="full",
+                  )  # fmt: skip
+    model = Model("shaft")
+    model.add_marker("ground.tip", position=[1, 0, 0])
+    model.add_body("shaft", body, geometric_stiffening="full")
+    model.add_body("drive", mass=1.0, inertia=[1.0] * 3, position=[1, 0, 0])
+    model.add_joint("root", "fixed", between=["ground", "shaft.root"])
+    model.add_joint("bearing", "revolute", between=["ground.tip", "drive"], axis="x")
+    model.add_joint("joint", "constant-velocity", between=["drive", "shaft.tip"], axis="x")
+    model.add_force("load", "torque", at="drive", value=[0.3 * critical, 0, 0])
+    assert load_factor(model) == pytest.approx(0.3, rel=0.01)

@@ -192,7 +192,9 @@ def test_a_beam_between_forks_buckles_under_equal_moments(told):
 def test_what_is_told_does_not_depend_on_place_frame_or_inertia(words):
     found = flexmb.statics(cantilever(0.7 * FORCE, geometric_stiffening="none", **words))
     (note,) = (one for one in found.notes if "buckles sideways" in one)
-    assert float(note.split("it is bent by about ")[1].split()[0]) == pytest.approx(0.7, abs=0.015)
+    assert float(note.split("it is bent by at least about ")[1].split()[0]) == pytest.approx(
+        0.7, abs=0.015
+    )
 
 
 @pytest.mark.parametrize("machine", [cantilever, between_forks])
@@ -202,13 +204,23 @@ def test_a_beam_without_stiffening_is_told_how_near_it_is_to_tipping_over(machin
     for load in (0.5, 0.9):
         found = flexmb.statics(machine(load * share, geometric_stiffening="none"))
         (note,) = (one for one in found.notes if "buckles sideways" in one)
-        told = float(note.split("it is bent by about ")[1].split()[0])
+        told = float(note.split("it is bent by at least about ")[1].split()[0])
         assert told == pytest.approx(load, abs=0.015)
     found = flexmb.statics(machine(0.3 * share, geometric_stiffening="none"))
     assert "buckles" not in " ".join(found.notes)
     model = machine(1.1 * share, geometric_stiffening="none")
     found = judged(model, start="quasi-static", verify=False, duration=0.5)
     assert "of the load by which it buckles sideways, yet" in found.message
+
+
+@pytest.mark.parametrize(("modes", "most_off"), [(2, 0.3), (4, 0.3), (8, 0.04), (20, 0.03)])
+def test_few_modes_without_stiffening_tell_a_lower_bound(modes, most_off):
+    """Motions that the modes leave out lower the load that tips it over: with 4 it was "about 0.51"
+    at 0.7 of that load."""
+    found = flexmb.statics(cantilever(0.7 * FORCE, modes=modes, geometric_stiffening="none"))
+    (note,) = (one for one in found.notes if "buckles sideways" in one)
+    told = float(note.split("it is bent by at least about ")[1].split()[0])
+    assert 0.7 * (1 - most_off) < told <= 0.7
 
 
 def test_a_column_that_is_pushed_aside_a_little_is_not_told_to_be_bent():

@@ -6,6 +6,7 @@ Each scene stands at the origin and a kilometre away, in SI and in micrometres w
 from __future__ import annotations
 
 import json
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -354,6 +355,28 @@ def test_a_state_at_rest_that_is_no_equilibrium_says_how_to_take_one():
         match='not steady.*nothing moves yet: about = "static" takes the equilibrium'
     ):
         flexmb.linearize(made)
+
+
+@pytest.mark.parametrize("about", ["undeformed", "quasi-static", "static"])
+@pytest.mark.parametrize("stiffening", ["none", "full"])
+def test_a_shaft_that_opposite_torques_twist_is_at_rest(about, stiffening):
+    """Between balls it turns freely, with accelerations of round-off: "cannot be assembled" by
+    1e17 m was told of one that is straight, and "not steady" of others. ω = π² √(EI/ρA)/L²."""
+    body = reduce(line(16), modes=12, sections={"all": rectangle(0.02, 0.02)},
+                  material={"E": 2e11, "nu": 0.3, "density": 7800.0},
+                  interfaces={"root": "root", "tip": "tip"}, geometric_stiffening=stiffening,
+                  )  # fmt: skip
+    made = Model("shaft", gravity=[0, 0, 0])
+    made.add_body("shaft", body, geometric_stiffening=stiffening)
+    made.add_marker("ground.tip", position=[1, 0, 0])
+    for ground, end, torque in (("ground", "root", -100.0), ("ground.tip", "tip", 100.0)):
+        made.add_joint(end, "spherical", between=[ground, f"shaft.{end}"])
+        made.add_force(end, "torque", at=f"shaft.{end}", value=[torque, 0, 0])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        hertz = flexmb.linearize(made, about=about).frequencies
+    bend = 0.5 * np.pi * np.sqrt(2e11 * 0.02**2 / 12 / 7800.0)
+    np.testing.assert_allclose(hertz[hertz > 1e-3][:2], bend, rtol=2e-3)
 
 
 def test_a_stiffness_below_any_round_off_is_a_rigid_motion():

@@ -23,8 +23,9 @@ from flexmb.analysis.assembly.mechanism_modes import condensation
 from flexmb.analysis.linear.observer import (
     MinimalEquations,
     RowsAlongMotion,
-    body_axes,
+    carrier_of,
     fastest_rate,
+    observers,
 )
 from flexmb.analysis.linear.state_eigenmodes import Complex, Eigenmodes, Whirl, eigenmodes, whirl
 from flexmb.analysis.linear.state_equations import StateEquations, Tangents
@@ -43,9 +44,9 @@ from flexmb.model.model import Model
 
 _MIN_RATE = 1e-12  # 1/s, rate of change of a state below which it is at rest
 _STEADY_CHANGE = 1e-3  # relative change of coefficients per radian below which a state is steady
+# Rate of accelerations at rest, over the slowest vibration, that is round-off of loads in balance.
+_ROUND_OFF_RATE = 1e-6
 _COMPARED_ANGLE = 0.01  # rad of the motion, or of the slowest mode, between the two states compared
-_MAX_OBSERVERS = 8  # largest number of observers that are compared
-_EQUAL_ROTATIONS = 1e-9  # difference of angular velocities that is none, over the fastest rate
 
 _GROWTH_ROUND_OFF = 1e-6  # Re λ/|λ| above which a mode grows
 _MAX_NAMED = 6  # modes named in a sentence
@@ -278,16 +279,21 @@ def linearize_state(
     along = RowsAlongMotion(compiled, state)
     is_open = frame in ("auto", "ground")
     here = [MinimalEquations(along, tangents, "ground" if is_open else frame)]
-    carrier = _carrier(here[0], rate) if is_open else ""
+    carrier = carrier_of(here[0], rate) if is_open else ""
     if (carrier or frame == "auto") and here[0].depends_on_observer:
-        others = _observers(compiled, state, rate)[1:]
+        others = observers(compiled, state, rate)[1:]
         here += [MinimalEquations(along, tangents, name) for name in others if name != carrier]
     if carrier:  # it is preferred to others that are equally steady
         here.insert(0, MinimalEquations(along, tangents, carrier))
     change, best = 0.0, here[0]
+    if rate > 0.0 and not state.v.any():
+        hertz = Linearization(compiled, model, state, tangents, best, 0.0, ()).frequencies
+        slowest = 2.0 * np.pi * hertz[hertz > 0.0].min(initial=np.inf)
+        rate = rate if rate > _ROUND_OFF_RATE * slowest or np.isinf(slowest) else 0.0
     if rate > 0.0:
         fastest = max(rate, here[0].slowest)
-        dt = _COMPARED_ANGLE / fastest
+        dt = min(_COMPARED_ANGLE / fastest, _longest_time(compiled, state))
+        angle = fastest * dt
         begin = StartValues(
             equations.moved(state.q, dt * state.v + 0.5 * dt * dt * state.vd),
             state.v + dt * state.vd,
@@ -300,7 +306,7 @@ def linearize_state(
             one.difference(
                 MinimalEquations(after, then, one.observer.name, one.coordinates.partition), fastest
             )
-            / _COMPARED_ANGLE
+            / angle
             for one in here
         ]
         changes = [change if change > _STEADY_CHANGE else 0.0 for change in changes]
@@ -319,30 +325,10 @@ def linearize_state(
     return made
 
 
-def _carrier(seen: MinimalEquations, rate: float) -> str:
-    """A rotating body if all bodies with independent modal coordinates rotate alike; else ""."""
-    compiled, v = seen.compiled, seen.state.v
-    names = {name.partition(".eta.")[0] for name in seen.names if ".eta." in name}
-    bodies = zip(compiled.layout.bodies, body_axes(compiled, seen.state.q), strict=True)
-    turns = {b.name: A @ v[b.iv + 3 : b.iv + 6] for b, A in bodies if b.name in names}
-    first = next(iter(turns.values()), np.zeros(3))
-    is_alike = all(np.linalg.norm(w - first) <= _EQUAL_ROTATIONS * rate for w in turns.values())
-    return next(iter(turns)) if is_alike and np.linalg.norm(first) > _EQUAL_ROTATIONS * rate else ""
-
-
-def _observers(compiled: Compiled, state: State, rate: float) -> list[str]:
-    """The ground, and bodies with different angular velocities, the fastest first."""
-    names, seen = ["ground"], [np.zeros(3)]
-    if rate == 0.0:
-        return names
-    A = body_axes(compiled, state.q)
-    bodies = list(zip(compiled.layout.bodies, A, strict=True))
-    turning = [(own @ state.v[b.iv + 3 : b.iv + 6], b.name) for b, own in bodies]
-    for w, name in sorted(turning, key=lambda pair: -float(np.linalg.norm(pair[0]))):
-        if all(np.linalg.norm(w - other) > _EQUAL_ROTATIONS * rate for other in seen):
-            names.append(name)
-            seen.append(w)
-    return names[:_MAX_OBSERVERS]
+def _longest_time(compiled: Compiled, state: State) -> float:
+    """Time [s] in which accelerations, of modes too, move nothing far."""
+    size = np.abs(state.vd * compiled.system.weights)
+    return float(np.sqrt(2.0 * _COMPARED_ANGLE / size[np.isfinite(size)].max(initial=1e-300)))
 
 
 def _notes(change: float, seen: MinimalEquations, is_moving: bool) -> Iterator[str]:

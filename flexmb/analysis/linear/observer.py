@@ -34,6 +34,8 @@ _STEP = 0.02  # time step of differences along the motion, times its fastest rat
 # Central differences of sixth order over seven points (Fornberg, Math. Comp. 51 (1988) 699).
 _FIRST_DERIVATIVE = np.array([-1.0, 9.0, -45.0, 0.0, 45.0, -9.0, 1.0]) / 60.0
 _SECOND_DERIVATIVE = np.array([2.0, -27.0, 270.0, -490.0, 270.0, -27.0, 2.0]) / 180.0
+_MAX_OBSERVERS = 8  # largest number of observers that are compared
+_EQUAL_ROTATIONS = 1e-9  # difference of angular velocities that is none, over the fastest rate
 
 
 _AXES = ("x", "y", "z")
@@ -324,3 +326,29 @@ def _coordinate_names(compiled: Compiled) -> list[str]:
         ]
         names += [f"{body.name}.eta.{k}" for k in range(body.m)]
     return [*names, *compiled.layout.coordinates]
+
+
+def carrier_of(seen: MinimalEquations, rate: float) -> str:
+    """A rotating body if all bodies with independent modal coordinates rotate alike; else ""."""
+    compiled, v = seen.compiled, seen.state.v
+    names = {name.partition(".eta.")[0] for name in seen.names if ".eta." in name}
+    bodies = zip(compiled.layout.bodies, body_axes(compiled, seen.state.q), strict=True)
+    turns = {b.name: A @ v[b.iv + 3 : b.iv + 6] for b, A in bodies if b.name in names}
+    first = next(iter(turns.values()), np.zeros(3))
+    is_alike = all(np.linalg.norm(w - first) <= _EQUAL_ROTATIONS * rate for w in turns.values())
+    return next(iter(turns)) if is_alike and np.linalg.norm(first) > _EQUAL_ROTATIONS * rate else ""
+
+
+def observers(compiled: Compiled, state: State, rate: float) -> list[str]:
+    """The ground, and bodies with different angular velocities, the fastest first."""
+    names, seen = ["ground"], [np.zeros(3)]
+    if rate == 0.0:
+        return names
+    A = body_axes(compiled, state.q)
+    bodies = list(zip(compiled.layout.bodies, A, strict=True))
+    turning = [(own @ state.v[b.iv + 3 : b.iv + 6], b.name) for b, own in bodies]
+    for w, name in sorted(turning, key=lambda pair: -float(np.linalg.norm(pair[0]))):
+        if all(np.linalg.norm(w - other) > _EQUAL_ROTATIONS * rate for other in seen):
+            names.append(name)
+            seen.append(w)
+    return names[:_MAX_OBSERVERS]

@@ -16,7 +16,7 @@ vibrations, whose mass is smaller.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -24,6 +24,8 @@ import numpy as np
 
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES
 from flexmb.analysis.assembly.mechanism_modes import MechanismModes
+from flexmb.analysis.linear.linearization import Linearization
+from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.analysis.monitors import Indicator
 from flexmb.analysis.validity.linear_elasticity import (
     LARGEST_DEFLECTION,
@@ -32,13 +34,15 @@ from flexmb.analysis.validity.linear_elasticity import (
     largest_lengths,
     relative_motion,
 )
-from flexmb.engine.compile import Compiled
+from flexmb.analysis.validity.pose_vibrations import OmittedTerms
+from flexmb.engine.compile import Compiled, compile_system
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, skew
 from flexmb.model.flexible_body import MEAN_AXIS, FlexibleBodySpec
 from flexmb.model.markers import rotation_matrix
 from flexmb.model.model import Model
+from flexmb.model.scenes.effects import with_words
 from flexmb.results.output_block import OutputBlock
 
 _LOST = 1.0  # change over the mass at which the mass of a motion is lost
@@ -173,6 +177,24 @@ class DeformedInertiaMonitor:
             f"{where}: the mass matrix of {what}{frame} is not positive from {from_on} "
             f"on (t = {at}), and the equations diverge; {cure}"
         )
+
+
+def omitted_coupling(made: Linearization, names: Sequence[str]) -> Iterator[OmittedTerms]:
+    """The inertia coupling that these bodies leave out, with the motion and loads of the state."""
+    words = {name: {"inertia_coupling": "full"} for name in names}
+    own, full = (
+        StateEquations(
+            compile_system(with_words(made.model, one), made.compiled.flexbodies), made.state
+        ).tangents()
+        for one in ({}, words)
+    )
+    for columns in made.compiled.layout.bodies:
+        part = slice(columns.iv, columns.iv + 6 + columns.m)
+        if columns.name in names:
+            M, D, K = ((two - one)[part, part] for one, two in zip(own[:3], full[:3], strict=True))
+            cause = "inertia coupling is left out, Coriolis and centrifugal forces"
+            cure = 'take inertia_coupling = "full"'
+            yield OmittedTerms(columns.name, cause, cure, part, M, D, K)
 
 
 def _unit_motions(compiled: Compiled, q: Array) -> Array:

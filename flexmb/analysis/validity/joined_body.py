@@ -266,11 +266,16 @@ class SlenderBar:
         return np.asarray(sums)
 
 
-def bars_without_stiffening(compiled: Compiled, model: Model) -> Iterator[SlenderBar]:
-    """The straight slender bodies without geometric stiffening."""
+def bars_without_stiffening(
+    compiled: Compiled, model: Model, slender: float = _SLENDER
+) -> Iterator[SlenderBar]:
+    """The straight slender bodies without geometric stiffening.
+
+    `slender` is the ratio of second moments of mass across and along them up to which they count.
+    """
     numbers = compiled.system.parts.bodies["iv"]
     for columns, body in flexible_columns(compiled):
-        axis, length = longest_axis(body, _SLENDER)
+        axis, length = longest_axis(body, slender)
         if body.centrifugal_stiffness is not None or not length or body.nodes is None:
             continue
         if stretches(model.bodies[columns.name]):

@@ -77,9 +77,13 @@ class LinearElasticityMonitor:
         The model.
     q : (nq,) array
         First positions.
+    every_mode : bool
+        Whether the speed is over the lowest of all frequencies, not of those in the motion.
     """
 
-    def __init__(self, compiled: Compiled, model: Model, q: Array) -> None:
+    def __init__(
+        self, compiled: Compiled, model: Model, q: Array, *, every_mode: bool = False
+    ) -> None:
         self._units = model.units
         self._bodies = []
         Cq = None
@@ -113,7 +117,7 @@ class LinearElasticityMonitor:
         self._largest = np.zeros((3, 2, n))  # deflection, rotation, speed: the value, and its time
         ends = np.cumsum([0, *(len(one.frequencies) for one in self._bodies)])
         self._parts = [slice(*pair) for pair in pairwise(ends)]
-        self._amplitudes = np.zeros(ends[-1])
+        self._amplitudes, self._every_mode = np.zeros(ends[-1]), every_mode
 
     def add(self, rows: OutputBlock) -> None:
         """Add the next rows."""
@@ -137,7 +141,8 @@ class LinearElasticityMonitor:
             name = one.columns.name
             (deflection, at), (rotation, turned), (speed, spun) = self._largest[:, :, k]
             amplitudes = self._amplitudes[self._parts[k]]
-            present = amplitudes > _MIN_AMPLITUDE * amplitudes.max(initial=0.0)
+            least = -1.0 if self._every_mode else _MIN_AMPLITUDE * amplitudes.max(initial=0.0)
+            present = amplitudes > least
             ratio = 0.0
             if not one.is_stiffened:
                 ratio = speed / one.frequencies[present].min(initial=np.inf)

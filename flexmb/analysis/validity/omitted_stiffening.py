@@ -43,6 +43,7 @@ from flexmb.analysis.validity.load_factor import (
     slow_shares,
     stretch,
 )
+from flexmb.analysis.validity.pose_vibrations import OmittedTerms
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import Interface
@@ -64,6 +65,7 @@ _VISIBLE = 1e-3  # change of a sensor below which that of the deflection does no
 # Share of the largest first estimate so far from which on a row is computed exactly.
 _WORTH = 0.5
 _NEAR_NODES, _SHORT_STEPS = 13, 3.0  # of a way along a body; power of its lengths
+_WIDE = 0.9  # second moment of mass across a blade over that along it, up to which it is a bar
 _LEAST_RANGE = 0.01  # of a channel, over the largest of its sensor, below which it is not judged
 
 
@@ -259,7 +261,9 @@ class OmittedStiffeningMonitor:
     def _buckled(self, name: str, value: float, t: float, level: float) -> str:
         what = f"it is compressed by about {value:.2g} of the load that buckles it"
         if level > LARGEST_LOAD_FACTOR:
-            what = f"it is bent by about {value:.2g} of the load by which it buckles sideways"
+            what = (
+                f"it is bent by at least about {value:.2g} of the load by which it buckles sideways"
+            )
         return (
             f"bodies.{name}: at t = {self._units.say(t, 's', 4)} {what}, yet its forces do not "
             'soften it; reduce it with geometric_stiffening = "full"'
@@ -312,6 +316,27 @@ class OmittedBendMonitor:
             )
             level = LARGEST_SENSOR_CHANGE
             yield Indicator(columns.name, "bend", share, t, level, partial(str, words))
+
+
+def omitted_stiffness(
+    compiled: Compiled, model: Model, row: OutputBlock, load_factor: LoadFactorMonitor
+) -> Iterator[OmittedTerms]:
+    """The geometric stiffness that bars lack in one row, and blades that are nearly as wide."""
+    bars = list(bars_without_stiffening(compiled, model, _WIDE))
+    if not bars:
+        return
+    loads, gravity = (
+        load_factor.loads(row, np.zeros(1, np.int64)),
+        np.array(model.gravity or (0, 0, 0)),
+    )
+    for bar in bars:
+        on = np.flatnonzero(compiled.system.parts.markers["body"] == bar.number)
+        whole, own = bar.stiffness(bar.section_loads(loads, on, gravity))
+        first, none = bar.columns.iv + 6, np.zeros((bar.columns.m,) * 2)
+        part = slice(first, first + bar.columns.m)
+        cause = "geometric stiffening is left out"
+        cure = 'reduce it with geometric_stiffening = "full"'
+        yield OmittedTerms(bar.columns.name, cause, cure, part, none, none, (whole - own)[0])
 
 
 def _sensors_without_bend(

@@ -9,21 +9,24 @@ its static response.
 In the axes of a body that turns the same vibration has other frequencies. With gyroscopic forces
 D ż and unit mass, z exp(λt) is too fast by aᴴRa/|zᴴ(2λ + D)z|, a its acceleration in space. Where
 they differ from those in space, this replaces ΔM, and modes that are left out follow statically.
+
+Geometric stiffening and inertia coupling that a body lacks change M, D and K of the equations
+linearised about a state. Modes are followed as these changes grow from nothing to all of them.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
-from flexmb.analysis.linear.linearization import Linearization
-from flexmb.analysis.linear.observer import body_axes
-from flexmb.analysis.linear.state_equations import StateEquations
+from flexmb.analysis.linear.linearization import Linearization, ModeSweep
+from flexmb.analysis.linear.observer import MinimalEquations, RowsAlongMotion, body_axes
+from flexmb.analysis.linear.state_equations import StateEquations, Tangents
 from flexmb.analysis.validity.body_accelerations import BodyAccelerations, Complex
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody
@@ -38,6 +41,12 @@ _SAME_FREQUENCY, _SMALL_DRIFT = 0.05, 0.05
 _DAMPING = 0.01  # damping ratio of modes that are left out, which forget the start of a run
 _MAX_PHASE_STEP = 1.0  # phase of a mode between two rows [rad] up to which rows show its excitation
 _MAX_EXPONENT = 50.0  # largest exponent of e within one sum
+# Change of a frequency in a step from the terms of the run to all; numbers of steps; change of
+# first order below which symmetric terms change nothing.
+_STEP, _MIN_STEPS, _MAX_STEPS, _NO_CHANGE = 0.05, 4, 20, 1e-3
+# Share of a body in the change of a mode, over the largest, from which on it is its; that of one of
+# its terms from which on it is a cause.
+_OWN_SHARE, _SHARE_OF_CAUSE = 0.5, 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -203,6 +212,77 @@ def errors_at_nodes(
     energy = np.abs(s) ** 2 * _squares(at.M, X)
     share = np.divide(_squares(missing, c), energy, out=np.zeros(len(s)), where=energy > 0.0)
     return np.asarray(np.sqrt(1.0 + share) - 1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class OmittedTerms:
+    """Terms of one body that the equations linearised about a state leave out.
+
+    `M`, `D`, `K` are of the velocity coordinates `part` of the body.
+    """
+
+    name: str
+    cause: str
+    cure: str
+    part: slice
+    M: Array
+    D: Array
+    K: Array
+
+    def added(self, to: Tangents, share: float) -> Tangents:
+        """The matrices with a share of these terms."""
+        M, D, K = to.M.copy(), to.D.copy(), to.K.copy()
+        for whole, own in ((M, self.M), (D, self.D), (K, self.K)):
+            whole[self.part, self.part] += share * own
+        return to._replace(M=M, D=D, K=K)
+
+    def change(self, made: Linearization) -> Array:
+        """(k,) relative changes of λ, of first order."""
+        x, rate, s = made.shapes[self.part], np.abs(made.eigenvalues), made.eigenvalues
+        by = self.M @ x * s**2 + self.D @ x * s + self.K @ x
+        by = np.abs((x.conj() * by).sum(axis=0))
+        scale = 2.0 * rate**2 * _squares(made.M, made.shapes)
+        return np.asarray(np.divide(by, scale, out=np.zeros(len(s)), where=scale > 0.0))
+
+
+def errors_by_omission(
+    made: Linearization, terms: Sequence[OmittedTerms], below: float
+) -> Iterator[tuple[float, int, list[OmittedTerms]]]:
+    """Errors of natural frequencies below one [Hz], over those with all terms.
+
+    Of each body: the largest error of a mode that it changes, infinite if no such frequency is
+    left; the number of the mode, from 0; the terms of the body that change it.
+    """
+    along, seen, followed = RowsAlongMotion(made.compiled, made.state), made.seen, [made]
+    every = np.array([one.change(made) for one in terms])
+    names = np.array([one.name for one in terms])
+    changes = {one: every[names == one].sum(axis=0) for one in dict.fromkeys(names.tolist())}
+    largest = np.max(list(changes.values()), axis=0)
+    if largest.max(initial=0.0) < _NO_CHANGE and not any(one.D.any() for one in terms):
+        return
+    n = int(np.clip(largest.max(initial=0.0) / _STEP, _MIN_STEPS, _MAX_STEPS))
+    for share in np.linspace(0.0, 1.0, n + 1)[1:]:
+        tangents = made.tangents
+        for one in terms:
+            tangents = one.added(tangents, float(share))
+        equations = MinimalEquations(
+            along, tangents, seen.observer.name, seen.coordinates.partition
+        )
+        followed.append(replace(made, tangents=tangents, seen=equations))
+    hertz = ModeSweep.of("", [0.0] * (n + 1), followed).frequencies[[0, -1]]
+    before, after = np.nan_to_num(hertz)
+    errors = np.divide(before - after, after, out=np.full(len(after), np.inf), where=after > 0.0)
+    errors[(before == 0.0) & (after == 0.0) | np.isnan(hertz[1]) | (after > below)] = 0.0
+    for name, change in changes.items() if len(errors) else ():
+        own = errors * (change >= _OWN_SHARE * largest)[: len(errors)]
+        worst = int(np.abs(own).argmax())
+        causes = every[:, worst] * (names == name)
+        of = (causes >= _SHARE_OF_CAUSE * causes.max()) & (names == name)
+        yield (
+            float(own[worst]),
+            worst,
+            [one for one, is_cause in zip(terms, of, strict=True) if is_cause],
+        )
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,24 +16,34 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.analysis.assembly.jacobian import MAX_COORDINATES
 from flexmb.analysis.linear.linearization import Linearization
 from flexmb.analysis.monitors import Indicator, Monitor
 from flexmb.analysis.validity.frequency_error import FrequencyErrorMonitor
 from flexmb.analysis.validity.linear_elasticity import (
+    LARGEST_SOFTENING,
+    LEAST_SPEED,
     LinearElasticityMonitor,
+    flexible_columns,
     loads_without_response,
     loads_without_stiffening,
 )
-from flexmb.analysis.validity.load_factor import LoadFactorMonitor
+from flexmb.analysis.validity.load_factor import LARGEST_ERROR, LoadFactorMonitor
 from flexmb.analysis.validity.modal_basis import ModalBasisMonitor
-from flexmb.analysis.validity.omitted_stiffening import OmittedBendMonitor, OmittedStiffeningMonitor
+from flexmb.analysis.validity.omitted_stiffening import (
+    OmittedBendMonitor,
+    OmittedStiffeningMonitor,
+    omitted_stiffness,
+)
 from flexmb.analysis.validity.omitted_vibrations import OmittedVibrationMonitor, VibrationResponse
+from flexmb.analysis.validity.pose_vibrations import errors_by_omission
 from flexmb.engine.compile import Compiled
 from flexmb.engine.state import State
 from flexmb.model.flexible_body import stretches
 from flexmb.model.model import Model
 from flexmb.model.scenes.dynamics import ValiditySpec
 from flexmb.results.output_block import OutputBlock
+from flexmb.units import percent
 
 if TYPE_CHECKING:
     from flexmb.analysis.validity.deformed_inertia import DeformedInertiaMonitor
@@ -41,6 +51,7 @@ if TYPE_CHECKING:
 # Change of a deflection over (Ω/ω₁)² from which on a body turns so far from the axis that its speed
 # alone does not tell that: about an axis at its end less than half of that.
 _FAR_FROM_AXIS = 2.0
+_TWICE = 1.0  # error of a frequency above which its size has no meaning
 
 
 class ValidityMonitor:
@@ -170,12 +181,71 @@ class ValidityMonitor:
 
 
 def limits_of_vibrations(made: Linearization) -> list[str]:
-    """Sentences on bodies whose modes or loads spoil the vibrations about a state."""
-    of = made.compiled, made.model
+    """Sentences on bodies whose modes, loads or omitted terms spoil vibrations about a state."""
+    of, row = (made.compiled, made.model), _row_of(made.state)
     monitor = LoadFactorMonitor(*of, made.state.q, is_motion=False)
-    monitor.add(_row_of(made.state))
+    monitor.add(row)
     notes = [one.text() for one in monitor.indicators() if one.value > one.warning]
-    return [*notes, *ModalBasisMonitor(*of, is_motion=False).notes_of_modes(made)]
+    notes += ModalBasisMonitor(*of, is_motion=False).notes_of_modes(made)
+    if made.compiled.layout.nv > MAX_COORDINATES:
+        return notes
+    return [*notes, *_omitted_terms(made, row, monitor)]
+
+
+def _omitted_terms(
+    made: Linearization, row: OutputBlock, load_factor: LoadFactorMonitor
+) -> Iterator[str]:
+    """A sentence on each body whose stiffening or inertia coupling would change a frequency.
+
+    Stiffening is known of bars; of other bodies the speed tells it.
+    """
+    compiled, model, units = made.compiled, made.model, made.model.units
+    terms = list(omitted_stiffness(compiled, model, row, load_factor))
+    bars, turns, below = [one.name for one in terms], dict[str, float](), np.inf
+    for columns, body in flexible_columns(compiled):
+        spec, name, omitted = model.bodies[columns.name], columns.name, body.omitted_modes
+        if omitted is not None:
+            below = min(below, omitted.frequency.min(initial=np.inf))
+        if getattr(spec, "deformation", "") == "quasi-static":
+            continue
+        speed = float(np.linalg.norm(made.state.v[columns.iv + 3 : columns.iv + 6]))
+        if speed > 0.0 and (name in bars or body.centrifugal_stiffness is not None):
+            turns[name] = speed
+    coupled = [
+        name for name in turns if getattr(model.bodies[name], "inertia_coupling", "full") != "full"
+    ]
+    if coupled:
+        from flexmb.analysis.validity.deformed_inertia import omitted_coupling
+
+        terms += omitted_coupling(made, coupled)
+    for error, mode, causes in errors_by_omission(made, terms, below) if terms else ():
+        if abs(error) > LARGEST_ERROR:
+            name = causes[0].name
+            where = f" turns with {units.say(turns[name], 'rad/s', 3)}" if name in turns else ""
+            what, cures = (
+                " and ".join(words)
+                for words in zip(*((one.cause, one.cure) for one in causes), strict=True)
+            )
+            hertz = made.frequencies[mode]
+            effect = _frequency_error(error, units.say(hertz, "Hz", 3) if hertz else "")
+            yield f"bodies.{name}{where}: {what}, so that {effect}; {cures}"
+    elasticity = LinearElasticityMonitor(compiled, model, made.state.q, every_mode=True)
+    elasticity.add(row)
+    least = LEAST_SPEED * (LARGEST_ERROR / LARGEST_SOFTENING) ** 0.5
+    for one in elasticity.indicators():
+        is_speed = one.quantity.partition(",")[0] == "speed" and one.body not in bars
+        if is_speed and one.value > least:
+            yield one.text()
+
+
+def _frequency_error(error: float, hertz: str) -> str:
+    """Words on the relative error of a natural frequency, "" if the motion does not vibrate."""
+    if not hertz:
+        return "a motion does not vibrate as it does with all terms"
+    how = f"too {'high' if error > 0.0 else 'low'} by about {percent(abs(error))}"
+    if error > _TWICE:
+        how = "none with all terms" if np.isinf(error) else "more than twice that with all terms"
+    return f"a natural frequency, {hertz}, is {how}"
 
 
 def _row_of(state: State) -> OutputBlock:

@@ -1,0 +1,200 @@
+"""What linearised modes of bodies that turn tell of stiffening and inertia coupling left out.
+
+Truth is Ritz' method with polynomials w(x) of a rotating Bernoulli blade, of the energies
+∫ EI w''² + N w'² dx and ∫ ρA w² dx with N = ρA Ω² (L² - x²)/2, less ρA Ω² w² in the plane of
+rotation: 13.1702 and 5.4271 at speed 12 (Wright et al., J. Appl. Mech. 49 (1982) 197).
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+
+import numpy as np
+import pytest
+from femeshes import line
+from numpy.polynomial import Polynomial
+from scipy.linalg import eigh
+from shellkit import sheet
+
+import flexmb
+from flexmb.fe import rectangle, reduce, shell
+from flexmb.model import Model
+
+E, DENSITY = 7e10, 2700.0
+FLAT, SQUARE = (0.05, 0.01), (0.02, 0.02)  # in the plane of rotation, and across
+FORCES = "Coriolis and centrifugal forces"
+
+
+def ritz(section, speed, terms=10):
+    """Natural frequencies [Hz] of a blade of unit length at a speed over √(EI/ρA)/L²."""
+    wide, thick = section
+    powers = [Polynomial([0] * k + [1]) for k in range(2, terms + 2)]
+    spin = unit_speed(section) * speed
+    pull = DENSITY * wide * thick * spin**2
+
+    def products(order, factor):
+        return np.array([
+            [(a.deriv(order) * b.deriv(order) * factor).integ()(1.0) for b in powers]
+            for a in powers
+        ])  # fmt: skip
+
+    M = products(0, DENSITY * wide * thick)
+    every = []
+    for height, width, softens in ((thick, wide, 0.0), (wide, thick, 1.0)):
+        K = products(2, E * width * height**3 / 12) + products(1, Polynomial([0.5, 0, -0.5]) * pull)
+        squares = eigh(K - softens * spin**2 * M, M, eigvals_only=True)
+        every += list(np.sqrt(squares[:3]) / (2 * np.pi))
+    return np.array(every)
+
+
+def unit_speed(section):
+    return float(np.sqrt(E * section[1] ** 2 / 12 / DENSITY))
+
+
+def rotor(section, speed, blades=1, modes=12, body=None, **words):
+    """Blades on a hub that turns with a speed over √(EI/ρA)/L²."""
+    stiffening = words.setdefault("geometric_stiffening", "none")
+    model = Model("rotor", gravity=[0, 0, 0])
+    model.add_body("hub", mass=5.0, inertia=[1.0, 1.0, 1.0])
+    model.add_joint("axle", "revolute", between=["ground", "hub"])
+    for k in range(blades):
+        turn = 2 * np.pi * k / blades
+        part = body or reduce(
+            line(16, end=(np.cos(turn), np.sin(turn), 0.0)), modes=modes,
+            material={"E": E, "nu": 0.3, "density": DENSITY},
+            sections={"all": rectangle(*section, shear=False)},
+            interfaces={"root": "root", "tip": "tip"}, geometric_stiffening=stiffening,
+        )  # fmt: skip
+        model.add_body(f"blade{k}", part, **words)
+        model.add_joint(f"weld{k}", "fixed", between=["hub", f"blade{k}.root"])
+    model.add_driver("spin", joint="axle", angle=f"{float(unit_speed(section) * speed)!r} * t")
+    return model
+
+
+def linearized(model):
+    """Frequencies, and what is told of them: words, frequency [Hz], error."""
+    with warnings.catch_warnings(record=True) as every:
+        warnings.simplefilter("always")
+        made = flexmb.linearize(model)
+    told = []
+    for one in every:
+        pattern = r"frequency(?:, (\S+) Hz,)? is too (low|high) by about (\S+) %"
+        if "is left out" in (text := str(one.message)):
+            hertz, sign, percent = re.search(pattern, text).groups()
+            error = float(percent) / (100 if sign == "high" else -100)
+            told.append((text, float(hertz or np.nan), error))
+    return made.frequencies, told
+
+
+def nearest(values, one):
+    return values[np.abs(values / one - 1).argmin()]
+
+
+@pytest.mark.parametrize(("share", "frame"), [
+    (0.2, "interface root"), (0.5, "mean axis"), (0.5, "interface root"), (0.5, "interface tip"),
+    (0.85, "mean axis"), (0.85, "interface root"),
+])  # fmt: skip
+def test_a_blade_without_stiffening_tells_its_frequency(share, frame):
+    """Shares of the first frequency at rest; nothing was told."""
+    speed = share * 1.8751**2
+    hertz, [(text, own, error)] = linearized(rotor(FLAT, speed, frame=frame))
+    assert "geometric stiffening is left out" in text and FORCES not in text
+    true = ritz(FLAT, speed)
+    corrected = own / (1 + error)
+    assert corrected == pytest.approx(nearest(true, corrected), rel=0.01)
+    low = np.sort(true)[:3] / np.sort(hertz)[:3] - 1  # it is the largest of the low ones
+    assert abs(error) == pytest.approx(np.max(1 - 1 / (1 + low)), rel=0.1, abs=2e-3)
+
+
+@pytest.mark.parametrize(("width", "frame", "factor"), [
+    (0.6, "mean axis", 1.1), (0.6, "interface root", 1.1), (1.0, "interface root", 1.5),
+])  # fmt: skip
+def test_a_plate_tells_its_frequency(width, frame, factor):
+    """Flap of a blade of shells, which bends as a beam; of a square its speed alone tells it."""
+    section, speed = (width, 0.01), 0.6 * 1.8751**2
+
+    def points(st):
+        return np.stack([st[:, 0], width * (st[:, 1] - 0.5), 0.0 * st[:, 0]], axis=1)
+
+    body = reduce(sheet((12, 8), shape=points), modes=12, sections={"all": shell(0.01)},
+                  material={"E": E, "nu": 0.0, "density": DENSITY},
+                  interfaces={"root": "x0", "tip": "x1"})  # fmt: skip
+    hertz, [(_, _, error)] = linearized(rotor(section, speed, body=body, frame=frame))
+    exact = 1 - hertz.min() / ritz(section, speed).min()
+    assert exact / factor < -error < exact * factor
+
+
+def test_each_blade_of_three_tells_it():
+    speed = 0.5 * 1.8751**2
+    _, told = linearized(rotor(FLAT, speed, blades=3, modes=8, frame="interface root"))
+    assert [text.partition(" ")[0] for text, *_ in told] == [f"bodies.blade{k}" for k in range(3)]
+    for _, own, error in told:
+        assert own / (1 + error) == pytest.approx(ritz(FLAT, speed).min(), rel=0.01)
+
+
+def test_a_motion_that_softening_takes_is_told():
+    """In a frame at its tip three motions of the blade diverge at 0.85 of its frequency."""
+    with pytest.warns(flexmb.FlexmbWarning, match="a motion does not vibrate as it does with all"):
+        flexmb.linearize(rotor(FLAT, 0.85 * 1.8751**2, frame="interface tip"))
+
+
+@pytest.mark.parametrize(("speed", "frame"), [
+    (4.0, "mean axis"), (12.0, "mean axis"), (2.0, "interface root"), (4.0, "interface root"),
+])  # fmt: skip
+def test_constant_coupling_tells_what_coriolis_and_centrifugal_forces_change(speed, frame):
+    words = {"geometric_stiffening": "full", "inertia_coupling": "constant", "frame": frame}
+    _, [(text, own, error)] = linearized(rotor(SQUARE, speed, **words))
+    assert FORCES in text and "stiffening is left out" not in text
+    corrected = own / (1 + error)
+    assert corrected == pytest.approx(nearest(ritz(SQUARE, speed), corrected), rel=0.015)
+    assert abs(error) > 0.02
+
+
+def test_a_frequency_that_is_wrong_altogether_is_told_without_a_number():
+    words = {"geometric_stiffening": "full", "inertia_coupling": "constant"}
+    model, true = rotor(SQUARE, 12.0, frame="interface root", **words), ritz(SQUARE, 12.0).min()
+    with pytest.warns(flexmb.FlexmbWarning, match="more than twice that with all terms"):
+        hertz = flexmb.linearize(model).frequencies
+    assert hertz.min() > 2.0 * true
+
+
+def test_both_are_told_where_both_are_left_out():
+    words = {"inertia_coupling": "constant", "frame": "interface tip"}
+    _, [(text, own, error)] = linearized(rotor(SQUARE, 1.0, **words))
+    assert FORCES in text and "geometric stiffening is left out" in text
+    corrected = own / (1 + error)
+    assert corrected == pytest.approx(nearest(ritz(SQUARE, 1.0), corrected), rel=0.01)
+
+
+@pytest.mark.parametrize(("speed", "words"), [
+    (0.2 * 1.8751**2, {}), (1.0, {"inertia_coupling": "constant"}),
+    (1.0, {"inertia_coupling": "partial"}),
+    (12.0, {"geometric_stiffening": "full"}),
+    (12.0, {"geometric_stiffening": "full", "inertia_coupling": "partial"}),
+    (1.0, {"geometric_stiffening": "full", "inertia_coupling": "constant"}),
+])  # fmt: skip
+def test_nothing_is_told_of_frequencies_that_are_right(speed, words):
+    hertz, told = linearized(rotor(SQUARE, speed, **words))
+    assert not told
+    true = np.sort(ritz(SQUARE, speed))[:4]
+    assert np.sort(hertz)[:4] == pytest.approx(true, rel=0.02)
+
+
+@pytest.mark.parametrize("force", [1000.0, -1000.0])
+def test_a_bar_under_an_axial_force_tells_its_frequency(force):
+    """Between pins frequencies are by √(1 + F L²/(n² π² EI)) those without a force."""
+    model = Model("bar", gravity=[0, 0, 0])
+    body = reduce(
+        line(16), modes=12, material={"E": E, "nu": 0.3, "density": DENSITY},
+        sections={"all": rectangle(*FLAT, shear=False)}, interfaces={"root": "root", "tip": "tip"},
+    )  # fmt: skip
+    model.add_marker("ground.tip", position=[1, 0, 0])
+    model.add_body("bar", body)
+    model.add_joint("left", "universal", between=["ground", "bar.root"], axis="y", second_axis="z")
+    model.add_joint("right", "in-line", between=["ground.tip", "bar.tip"], axis="x")
+    model.add_force("load", "force", at="bar.tip", value=[force, 0, 0])
+    hertz, [(text, own, error)] = linearized(model)
+    assert "turns" not in text and own == pytest.approx(hertz[0], rel=1e-3)
+    euler = np.pi**2 * E * FLAT[0] * FLAT[1] ** 3 / 12
+    assert 1 + error == pytest.approx((1 + force / euler) ** -0.5, rel=0.01)
