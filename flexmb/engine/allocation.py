@@ -114,7 +114,7 @@ def new_work(system: System, channels: int = 0, method: Method = _NO_METHOD) -> 
         error=_nan(2), jerk=_nan(nv), stack=_nan(depth, 3),
         variables=_nan(max(1, len(system.sensors.channels)), 3),
     )  # fmt: skip
-    con = Constraints(_nan(nc), _nan(nc), _nan(1), _nan(nc), _nan(max(1, nfun), 3))
+    con = Constraints(_nan(nc), _nan(nc), _nan(1), _nan(1), _nan(nc), _nan(max(1, nfun), 3))
     dense = _new_dense(system)
     row = RowWork(now.marker, dense.g[0], dense.H)
     return Work(

@@ -37,7 +37,6 @@ class Method(NamedTuple):
     alpha: float = 0.0  # 1/s
     beta: float = 0.0  # 1/s
     mass_refinements: int = 0  # refinements with M of projected velocities and accelerations
-    end_power_weight: float = 0.0  # weight of the power at the end in the works of a step
     partitions: int = 0  # 1: it partitions coordinates into independent and dependent ones
 
 

@@ -65,12 +65,12 @@ def project_velocity(run: Run, at: Point, cp: float) -> int:
     """Project v onto Cq v + C_t = 0 after a position stage, with a factor of this position.
 
     cp is that of the factor. The correction is the least one in the metric M, not M + cp ∂F/∂q.
-    The drift before the projection, max |Cq v + C_t|, is stored in Constraints.drift.
+    Constraints.drift gets max |Cq v + C_t| before, impulse_work the work of drivers in it.
     """
     con, sol, kkt = run.work.con, run.work.factor.sol, run.system.kkt
     rate, place, v, weights = con.rate, kkt.place, at.v, run.system.weights
     nv, firm = v.shape[0], _is_well_conditioned(run.work.factor)
-    con.drift[0] = 0.0
+    con.drift[0] = con.impulse_work[0] = 0.0
     if rate.shape[0] == 0:
         return SUCCESS
     for n in range(_MAX_ROUNDS):
@@ -90,9 +90,10 @@ def project_velocity(run: Run, at: Point, cp: float) -> int:
             for i in range(rate.shape[0]):
                 push[i], rate[i] = sol[place[nv + i]], -rate[i]
             _refine_by_mass(run, at, top, rate, change, push)
-            for i in range(nv):
-                v[i] += change[i]
-            continue
+            permute(kkt, change, push, sol)
+        for i in range(rate.shape[0]):
+            of = run.system.rows[i]["fun"]
+            con.impulse_work[0] -= sol[place[nv + i]] * con.fun[of, 1] if of >= 0 else 0.0
         moved, speed = 0.0, 0.0
         for i in range(nv):
             v[i] += sol[place[i]]

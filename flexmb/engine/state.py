@@ -110,6 +110,7 @@ class Constraints(NamedTuple):
     C: Vector  # (nc,) constraint values
     rate: Vector  # (nc,) Cq v + C_t
     drift: Vector  # (1,) max |Cq v + C_t| before the last projection
+    impulse_work: Vector  # (1,) work of drivers in it, J
     gamma: Vector  # (nc,) right side of Cq v̇ = γ
     fun: Matrix  # (functions, 3) value, first and second derivative at t
 

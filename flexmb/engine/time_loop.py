@@ -81,7 +81,7 @@ def accept_step(run: Run, h: float) -> int:
                 or run.method.collocation > 0
                 and settings.static_after_step == 0
             ):
-                st.work_done[k] = tr.work[k] + h * run.method.end_power_weight * run.work.powers[k]
+                st.work_done[k] = tr.work[k]
             else:
                 st.work_done[k] += work_of_step(st, k, run.work.powers[k], h)
             st.power_before[1, k] = st.power_before[0, k]

@@ -9,6 +9,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from accuracyscenes.judging import judged
+from accuracyscenes.mounts import inverted
+from accuracyscenes.textbook import integrated
 from femeshes import line
 from scipy.integrate import simpson
 from scipy.special import ellipk
@@ -106,7 +108,7 @@ METHODS = {
     "generalized-alpha": ({"method": "generalized-alpha", "newton_tolerance": 1e-10}, 2, 1),
     "order 5": ({"method": "explicit-rk", "order": 5}, 5, 8),
     "order 8": ({"method": "explicit-rk", "order": 8}, 8, 12),
-    "radau": ({"method": "radau", "newton_tolerance": 1e-12}, 3, 4),  # of the works
+    "radau": ({"method": "radau", "newton_tolerance": 1e-12}, 5, 4),
 }
 CASES = [
     pytest.param(name, method, marks=pytest.mark.slow)
@@ -125,8 +127,8 @@ def imbalance(result):
 def test_the_balance_closes_with_the_order_of_the_works(name, method):
     make, exchanged, h, duration = SCENES[name]
     knobs, p, share = METHODS[method]
-    if name == "driven, flexible" and method == "radau":
-        share *= 4  # above what round-off of stiff reactions leaves
+    if method == "radau":  # above what round-off of reactions leaves
+        share *= {"driven": 4, "driven, flexible": 16}.get(name, 1)
     steps, made = np.array([1, 1 / 2, 1 / 4]) * share * h, make()
     outputs = round(duration / steps[0])  # all steps as long as they are told
     runs = [
@@ -135,7 +137,7 @@ def test_the_balance_closes_with_the_order_of_the_works(name, method):
         for s in steps
     ]  # fmt: skip
     errors = [imbalance(one) for one in runs]
-    seen = 3 if errors[-1] > 1e-14 else 2  # above round-off
+    seen = 3 if errors[-1] > (1e-9 if "flexible" in name else 1e-14) else 2  # above round-off
     # of what is conserved, or nearly so, errors fall faster
     assert p - 0.2 < order(steps[:seen], errors[:seen]) < p + (0.2 if p == 2 else 2.5), errors
     assert errors[-1] < (2e-5 if p <= 3 else 1e-7)
@@ -181,6 +183,26 @@ def test_works_are_those_of_reported_reactions_and_speeds(accuracy):
         half = len(t) // 2 + 1
         wanted = simpson(rate[:half], x=t[:half])
         assert found[half - 1] - found[0] == pytest.approx(wanted, abs=3e-5 * np.abs(np.ptp(found)))
+
+
+def test_the_work_of_a_driver_is_of_the_order_of_the_motion():
+    """Kapitza's pendulum: 50 times its energy goes in and out, and the work is that energy.
+
+    1.5 % of it were missing, of a motion that was right within 1e-5.
+    """
+    found = run(inverted(), duration=5.0, outputs=333, accuracy=1e-4, method="radau")
+    y, speed = 0.05 * np.cos(100 * found.t), -5.0 * np.sin(100 * found.t)
+
+    def slope(t, x):
+        return [x[1], 0.25 * (9.81 - 500 * np.cos(100 * t)) * np.sin(x[0]) / 0.0825]
+
+    lean, rate = integrated(slope, [0.4, 0.0], found.t)
+    across, up = 0.25 * rate * np.cos(lean), speed - 0.25 * rate * np.sin(lean)
+    energy = 0.5 * (speed**2 + across**2 + up**2 + 0.02 * rate**2)
+    energy += 9.81 * (2 * y + 0.25 * np.cos(lean))
+    work = found.stored("driver_work")
+    apart = np.abs(work - work[0] - energy + energy[0]).max()
+    assert apart < 5e-4 * np.ptp(energy)
 
 
 @pytest.mark.parametrize(

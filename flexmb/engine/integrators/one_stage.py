@@ -43,8 +43,8 @@ def one_stage_step(run: Run, radau: Radau, h: float) -> int:
             col.u[i, k] = radau.c[i] * tr.dq[k]
         copy(st.power, col.power[i])
         copy(tr.vd, col.a[i])
-    for k in range(3):  # the time loop adds the power at the end with its weight
-        tr.work[k] = st.work_done[k] + h * (1.0 - radau.A[STAGES - 1, STAGES - 1]) * st.power[k]
+    for k in range(3):
+        tr.work[k] = st.work_done[k] + h * st.power[k]
     st.count[0]["factorisations"] += 1
     cp = radau.filter * h * h if settings.determinate == 0 else 0.0
     copy(tr.vd, tr.aa)

@@ -97,7 +97,6 @@ def radau_5() -> Method:
         (step,), (interpolate,), (coefficients,), order=5, error_order=4, stages=0,
         filter=coefficients.filter, prefers_constant_step=1, max_tolerance=3e-4,
         collocation=STAGES, mass_refinements=2,
-        end_power_weight=float(coefficients.A[-1, -1]),
     )  # fmt: skip
 
 
@@ -273,10 +272,10 @@ def _place_stage(run, radau, h, i):
 
 @kernel
 def _add_works(run, radau, h):
-    """Works of the step by the quadrature of the method, without the power at its end."""
+    """Works of the step by the quadrature of the method, without the projection at its end."""
     st, tr, col, at = run.state, run.work.trial, run.work.collocation, run.trial_point
     copy(st.work_done, tr.work)
-    for i in range(STAGES - 1):
+    for i in range(STAGES):
         _place_stage(run, radau, h, i)
         run_stage(run.stages.functions, run, at)
         pose_stage(run, at)
@@ -303,7 +302,8 @@ def _finish(run, radau, h):
     # the matrix changes by about the displacement over the model size, or the rotation
     memory["contraction"] = min(0.99, measured + weighted_max(col.u[last], run.system.weights))
     _put_rates(run, radau, h)  # including the last correction
-    if run.settings.does_work == 1 and run.settings.static_after_step == 0:
+    does_work = run.settings.does_work == 1 and run.settings.static_after_step == 0
+    if does_work:
         _add_works(run, radau, h)
     _place_stage(run, radau, h, last)
     col.span[0], col.span[1] = st.t[0], h
@@ -312,6 +312,8 @@ def _finish(run, radau, h):
     cp = radau.filter * h * h if run.settings.determinate == 0 else 0.0
     copy(col.a[last], tr.aa)
     status = accelerations(run, run.trial_point, cp, POSITIONS)
+    if does_work:
+        tr.work[0] += run.work.con.impulse_work[0]  # else drivers had their works of order 3
     if run.settings.step == 0.0 and run.settings.static_after_step == 1:
         add_static_error_of_path(run, h, run.method.error_order)
     return status
@@ -362,13 +364,14 @@ def interpolate(run: Run, radau: Radau, share: float) -> int:
     status = interpolate_step(run, share)
     h = st.t[0] - before.t[0]
     for k in range(3 * run.settings.does_work if run.settings.static_after_step == 0 else 0):
-        work = 0.0
+        work, whole = 0.0, 0.0
         for n in range(STAGES, -1, -1):
             rate = works[n, 0] * before.power[k] + works[n, STAGES] * st.power[k]
             for i in range(STAGES - 1):
                 rate += works[n, 1 + i] * col.power[i, k]
-            work = share * (work + rate)
-        tr.work_done[k] = before.work_done[k] + h * work
+            work, whole = share * (work + rate), whole + rate
+        rest = st.work_done[k] - before.work_done[k] - h * whole
+        tr.work_done[k] = before.work_done[k] + h * work + share * rest
     return status  # type: ignore[no-any-return]
 
 

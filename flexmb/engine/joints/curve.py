@@ -49,6 +49,7 @@ _ROUND_OFF = 1e-13  # error of the pieces over the size of the curve that is rou
 _SMOOTH_JUMP = 1e-7
 _MIN_PIECES, _MAX_PIECES = 64, 1024
 _COEFFICIENTS = 8  # of the polynomial of a piece, degree seven
+_ASIDE = 1e-9  # distance from a break, over the piece, at which its curvature is taken
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(7)
 
 
@@ -63,9 +64,8 @@ class Pieces(NamedTuple):
     @classmethod
     def of_pool(cls, pool: Array, at: int, n: int) -> Pieces:
         """The pieces of a curve from the pool of numbers, n pieces from index `at` on."""
-        first = at + n + 1
-        coefficients = pool[first : first + 3 * _COEFFICIENTS * n].reshape(n, 3, _COEFFICIENTS)
-        return cls(pool[at:first], coefficients)
+        first, size = at + n + 1, 3 * _COEFFICIENTS * n
+        return cls(pool[at:first], pool[first : first + size].reshape(n, 3, _COEFFICIENTS))
 
     def at(self, s: Array) -> Array:
         """(n, 3, 3) position, unit tangent and curvature vector at arc lengths s (n,)."""
@@ -98,15 +98,17 @@ def _divide_curve(shape: CurveShape, per_break: int) -> Pieces:
     lengths = _arc_lengths(shape, u[:-1], u[1:])
     ends = np.append(0.0, np.cumsum(lengths))
     nodes = _by_length(shape.at(u))
-    if shape.closed:
-        nodes[-1] = nodes[0]
+    nodes[-1] = nodes[0 if shape.closed else -1]
+    first, last = nodes[:-1].copy(), nodes[1:].copy()
+    at = per_break * np.arange(1, len(b) - 1)  # breaks, where the curvature may jump
+    for sides, k, side in ((first, at, _ASIDE), (last, at - 1, -_ASIDE)):
+        sides[k, 2] = _by_length(shape.at(b[1:-1] + side * (u[k + 1] - u[k])))[:, 2]
     middle, quarter = (share * u[1:] + (1.0 - share) * u[:-1] for share in (0.5, 0.25))
     half = _arc_lengths(shape, u[:-1], middle)
-    pieces = Pieces(ends, _hermite(nodes, lengths, _by_length(shape.at(middle))[:, :2], half))
+    pieces = Pieces(ends, _hermite(first, last, lengths, _by_length(shape.at(middle))[:, :2], half))
     places = ends[:-1] + _arc_lengths(shape, u[:-1], quarter)
-    exact = shape.at(quarter)[:, 0]
-    size = float(np.linalg.norm(np.ptp(nodes[:, 0], axis=0)))
-    error = float(np.abs(pieces.at(places)[:, 0] - exact).max()) / size
+    off = np.abs(pieces.at(places)[:, 0] - shape.at(quarter)[:, 0]).max()
+    error = float(off / np.linalg.norm(np.ptp(nodes[:, 0], axis=0)))
     return pieces._replace(error=error, jump=_third_derivative_jump(pieces, per_break))
 
 
@@ -115,8 +117,7 @@ def _third_derivative_jump(pieces: Pieces, per_break: int) -> float:
     c, h = pieces.coefficients, np.diff(pieces.ends)[:, None]
     begin = 6.0 * c[:, :, 3]
     end = sum(n * (n - 1) * (n - 2) * c[:, :, n] * h ** (n - 3) for n in range(3, _COEFFICIENTS))
-    within = np.arange(1, len(c)) % per_break != 0
-    jump = np.abs(end[:-1] - begin[1:])[within].max(initial=0.0)
+    jump = np.abs(end[:-1] - begin[1:])[np.arange(1, len(c)) % per_break != 0].max(initial=0.0)
     return float(jump / max(np.abs(begin).max(), pieces.ends[-1] ** -2.0))  # for straight lines
 
 
@@ -125,8 +126,7 @@ def _arc_lengths(shape: CurveShape, low: Array, high: Array) -> Array:
     half = 0.5 * (high - low)
     u = 0.5 * (high + low)[:, None] + half[:, None] * _GAUSS
     speed = np.linalg.norm(shape.at(u.ravel())[:, 1], axis=1).reshape(u.shape)
-    lengths: Array = half * (speed @ _WEIGHTS)
-    return lengths
+    return np.asarray(half * (speed @ _WEIGHTS))
 
 
 def _by_length(derivatives: Array) -> Array:
@@ -138,13 +138,13 @@ def _by_length(derivatives: Array) -> Array:
     return np.stack([place, tangent, (second - along * tangent) / speed**2], axis=1)
 
 
-def _hermite(nodes: Array, lengths: Array, middles: Array, half: Array) -> Array:
-    """(n, 3, 8) coefficients of the polynomials of degree seven between nodes (n + 1, 3, 3).
+def _hermite(first: Array, last: Array, lengths: Array, middles: Array, half: Array) -> Array:
+    """(n, 3, 8) coefficients of the polynomials of degree seven between ends (n, 3, 3).
 
     They also have value and slope `middles` (n, 2, 3) at arc lengths `half` (n,) from their begin.
     """
     h, t, n = lengths[:, None], half[:, None], np.arange(3, _COEFFICIENTS)
-    (p, d, a), (q, e, b) = nodes[:-1].swapaxes(0, 1), nodes[1:].swapaxes(0, 1)
+    (p, d, a), (q, e, b) = first.swapaxes(0, 1), last.swapaxes(0, 1)
     # conditions at the far end and the middle, less the parabola from the near end
     remainders = [q - p - h * (d + 0.5 * h * a), (e - d - h * a) * h, (b - a) * h * h]
     remainders += [middles[:, 0] - p - t * (d + 0.5 * t * a), (middles[:, 1] - d - t * a) * h]

@@ -21,6 +21,7 @@ from pydantic import BeforeValidator, SerializationInfo, StrictBool, ValidationI
 from flexmb.errors import Problem, SceneError
 from flexmb.flexbody.arrays import Array
 from flexmb.model.functions.derivatives import evaluate
+from flexmb.model.functions.discontinuities import derivative_jumps
 from flexmb.model.functions.expression import Ops, parse
 from flexmb.model.functions.tabulated import number_in, read_lines
 from flexmb.model.lookup import Component, ModelData, Scope
@@ -310,7 +311,19 @@ def _expressions(spec: CurveSpec) -> CurveShape:
         def at(t: Array) -> Array:
             return np.stack([part.values(t) for part in parts], axis=2)
 
-    return CurveShape(np.array(spec.range), at, spec.closed, spec.in_plane)
+    own = [one for one in (spec.polar, spec.x, spec.y, spec.z) if one is not None]
+    return CurveShape(_breaks(own, *spec.range), at, spec.closed, spec.in_plane)
+
+
+def _breaks(profiles: list[Profile], begin: float, end: float) -> Array:
+    """Ends of the range of t, and where one of the first three derivatives jumps in between."""
+    from_begin: Ops = (("t", 0.0), ("const", begin), ("+", 0.0))
+    length, least, inner = end - begin, _SAME_POINT * (end - begin), set[float]()
+    for one in profiles:
+        ops = tuple(new for op in one.ops for new in (from_begin if op[0] == "t" else (op,)))
+        inner.update(derivative_jumps(ops, length, derivatives=3))
+    u = np.array([0.0, *sorted(t for t in inner if least < t < length - least), length])
+    return begin + u[np.diff(u, prepend=-np.inf) > least]
 
 
 def _check(shape: CurveShape) -> None:
