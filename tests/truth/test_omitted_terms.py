@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,8 +19,10 @@ from scipy.linalg import eigh
 from shellkit import sheet
 
 import flexmb
+from flexmb.analysis.linear.linearization import ModeSweep
 from flexmb.fe import rectangle, reduce, shell
 from flexmb.model import Model
+from flexmb.workflow.linearize import sweep_modes
 
 E, DENSITY = 7e10, 2700.0
 FLAT, SQUARE = (0.05, 0.01), (0.02, 0.02)  # in the plane of rotation, and across
@@ -149,6 +152,18 @@ def test_constant_coupling_tells_what_coriolis_and_centrifugal_forces_change(spe
     corrected = own / (1 + error)
     assert corrected == pytest.approx(nearest(ritz(SQUARE, speed), corrected), rel=0.015)
     assert abs(error) > 0.02
+
+
+def test_a_sweep_tells_each_lack_once():
+    """Sentences were told apart by what stands before a colon: a speed, or a body alone."""
+    bound, error = (f"bodies.blade0: its {what} is too high by " for what in ("load", "frequency"))
+    notes = [(f"{bound}0.9",), (f"{bound}0.95", f"{error}3 %")]
+    stubs = tuple(SimpleNamespace(notes=one) for one in notes)
+    sweep = ModeSweep("load", np.array([1.0, 2.0]), np.zeros((2, 0)), np.zeros(2), stubs)
+    assert sweep.notes == (f"load = 1: {bound}0.9", f"load = 2: {error}3 %")
+    sweep = sweep_modes(lambda speed: rotor(FLAT, speed), "speed", [0.0, 1.8, 2.2, 2.6])
+    (told,) = sweep.notes
+    assert told.startswith("speed = 1.8: bodies.blade0 turns with ")
 
 
 def test_a_frequency_that_is_wrong_altogether_is_told_without_a_number():
