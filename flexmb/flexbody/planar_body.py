@@ -309,7 +309,8 @@ def _combine_modes(body: FlexBody, inside: FloatArray, dropped: FloatArray, plan
         for frequency in _hertz(_modes(body, dropped)[0])
     ]
     listed = (*(mode for mode in body.modes if mode.kind == "rigid"), *outside, *infos)
-    return replace(combine_modes(body, Z), modes=listed)
+    # fields that modes leave out are in the plane only if the reduction was of it
+    return replace(combine_modes(body, Z), modes=listed, omitted_stiffening=None)
 
 
 def combine_modes(body: FlexBody, Z: FloatArray) -> FlexBody:

@@ -34,14 +34,17 @@ def spatial_crank(first="spherical", **strip):
     model.add_driver("motor", joint="bearing", angle="30*t")
     model.add_marker("rod.middle", position=[L / 2, 0, 0])
     model.add_sensor("middle", "position", of="rod.middle")
+    model.add_sensor("pin", "reaction", joint="pin")
     model.set_dynamics(duration=0.4, outputs=100, accuracy=1e-5, start="quasi-static", verify=False)
     return model
 
 
 def test_a_strip_that_spins_idly_turns_its_soft_side_to_its_load(tmp_path):
-    """The turns of its spin were taken for small ones, and its deflection grew with them."""
-    told, true = left_out(spatial_crank(), tmp_path, RIGID, "deformation")["middle"]
-    assert 1 / 3 < told / true < 3
+    """The turns of its spin were taken for small ones, and its deflection grew with them. A
+    reaction in axes that spin along turns by itself: 0.3 % were told for 13 %."""
+    every = left_out(spatial_crank(), tmp_path, RIGID, "deformation")
+    for told, true in (every["middle"], every["pin"]):
+        assert 1 / 3 < told / true < 3
 
 
 @pytest.mark.slow

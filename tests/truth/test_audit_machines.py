@@ -9,10 +9,8 @@ from truth.test_audit import beam_fields, find, share_between
 import flexmb
 from flexmb.model import Model
 from flexmb.model.scenes.effects import with_words
-from flexmb.workflow.effect import OUT_OF_PLANE
 from flexmb.workflow.effect_estimates import Estimates
 from flexmb.workflow.neighbours import ModelVariants
-from flexmb.workflow.scene_effects import scene_effects
 from tests.benchmarks.audit_honesty import random_model
 
 pytestmark = pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
@@ -424,34 +422,3 @@ def test_a_hammer_that_a_soft_shaft_leaves_on_its_stop_for_longer(tmp_path):
     run = flexmb.simulate(model, output=tmp_path, duration=0.6, outputs=300, verify=False)
     one = find(flexmb.audit(run), "deformation", "shaft")
     assert one.verdict == "missing" and "not how much: contacts, stops" in one.why
-
-
-def lift_in_a_plane():
-    """A beam of solid elements between a lift and a strut."""
-    model = Model("lift in a plane", plane="xy")
-    material = {"E": 2.8e9, "nu": 0.38, "density": 1410.0}
-    mesh = {"type": "box", "size": [0.6, 0.012, 0.03], "divisions": [10, 1, 1]}
-    model.add_body("beam", mesh=mesh, material=material, modes=4,
-                   interfaces={"root": "x0", "tip": "x1"})  # fmt: skip
-    foot = {"position": [0.6, -0.5, 0]}
-    model.add_body("strut", **slender(0.5, 0.006, divisions=6), **foot, orientation=UPRIGHT)
-    model.add_marker("ground.foot", **foot)
-    load(model, "lift", 0.5, [0, 0, 0])
-    model.add_joint("rail", "prismatic", between=["ground", "lift"], axis="y")
-    ends = {"a": "lift beam.root", "b": "beam.tip strut.tip", "c": "ground.foot strut.root"}
-    for name, between in ends.items():
-        model.add_joint(name, "revolute", between=between.split(), axis="z")
-    motion = {"type": "havsin", "t0": 0, "t1": 0.15, "y1": 0.15}
-    model.add_driver("motor", joint="rail", stroke=motion)
-    model.add_sensor("b", "reaction", joint="b")
-    model.set_dynamics(duration=0.2, outputs=200, accuracy=1e-5, verify=False)
-    return model
-
-
-@pytest.mark.slow
-def test_modes_that_a_plane_has_no_room_for_are_no_motion_out_of_it(tmp_path):
-    """As many modes in space have fewer of them in the plane, which nothing leaves."""
-    run = flexmb.simulate(lift_in_a_plane(), output=tmp_path)
-    neighbours = ModelVariants.of(run, 200)
-    effect = next(one for one in scene_effects(neighbours) if one.name == OUT_OF_PLANE)
-    assert Estimates(neighbours).estimate(effect)[0][0].share < 1e-6

@@ -5,9 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from truth.test_audit import beam_fields
+from truth.test_audit_machines import UPRIGHT, load, slender
 
 import flexmb
 from flexmb.model import Model
+from flexmb.workflow.effect import OUT_OF_PLANE
+from flexmb.workflow.effect_estimates import Estimates
+from flexmb.workflow.neighbours import ModelVariants
+from flexmb.workflow.scene_effects import scene_effects
 
 
 def pendulum(stops, lower=-2.0):
@@ -194,6 +199,38 @@ def test_what_a_plane_leaves_out_of_bending(tmp_path):
     true = max(np.abs(space[f"end.{axis}"] - plane[f"end.{axis}"]).max() for axis in "xyz") / size
     assert true > 0.01
     assert one.share == pytest.approx(true, rel=0.1)
+
+
+def lift_in_a_plane():
+    """A beam of solid elements between a lift and a strut."""
+    model = Model("lift in a plane", plane="xy")
+    material = {"E": 2.8e9, "nu": 0.38, "density": 1410.0}
+    mesh = {"type": "box", "size": [0.6, 0.012, 0.03], "divisions": [10, 1, 1]}
+    model.add_body("beam", mesh=mesh, material=material, modes=4,
+                   interfaces={"root": "x0", "tip": "x1"})  # fmt: skip
+    foot = {"position": [0.6, -0.5, 0]}
+    model.add_body("strut", **slender(0.5, 0.006, divisions=6), **foot, orientation=UPRIGHT)
+    model.add_marker("ground.foot", **foot)
+    load(model, "lift", 0.5, [0, 0, 0])
+    model.add_joint("rail", "prismatic", between=["ground", "lift"], axis="y")
+    ends = {"a": "lift beam.root", "b": "beam.tip strut.tip", "c": "ground.foot strut.root"}
+    for name, between in ends.items():
+        model.add_joint(name, "revolute", between=between.split(), axis="z")
+    motion = {"type": "havsin", "t0": 0, "t1": 0.15, "y1": 0.15}
+    model.add_driver("motor", joint="rail", stroke=motion)
+    model.add_sensor("b", "reaction", joint="b")
+    model.set_dynamics(duration=0.2, outputs=200, accuracy=1e-5, verify=False)
+    return model
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
+def test_modes_that_a_plane_has_no_room_for_are_no_motion_out_of_it(tmp_path):
+    """As many modes in space have fewer of them in the plane, which nothing leaves."""
+    run = flexmb.simulate(lift_in_a_plane(), output=tmp_path)
+    neighbours = ModelVariants.of(run, 200)
+    effect = next(one for one in scene_effects(neighbours) if one.name == OUT_OF_PLANE)
+    assert Estimates(neighbours).estimate(effect)[0][0].share < 1e-6
 
 
 @pytest.mark.parametrize("words", [{}, {"deformation": "rigid"}], ids=["on", "off"])

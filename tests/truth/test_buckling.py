@@ -29,8 +29,8 @@ EULER = {"pinned": np.pi**2, "cantilever": np.pi**2 / 4, "clamped": 4 * np.pi**2
          "propped": 20.190729}  # fmt: skip
 
 
-def column(stiffening=True, kind="line", size=1.0, modes=8):
-    options = {"modes": modes, "interfaces": {"root": "root", "tip": "tip"}}
+def column(stiffening=True, kind="line", size=1.0, modes=8, plane=None):
+    options = {"modes": modes, "plane": plane, "interfaces": {"root": "root", "tip": "tip"}}
     if kind == "line":
         mesh = line(16, end=(size, 0, 0))
         material = UNIT
@@ -46,7 +46,7 @@ def column(stiffening=True, kind="line", size=1.0, modes=8):
 
 
 def loaded(ends, load, place=(0.0, 0.0, 0.0), size=1.0, **options):
-    model = Model("column")
+    model = Model("column", **({"plane": options["plane"]} if "plane" in options else {}))
     body = column(size=size, **options)
     middle = body.interface("root").position
     model.add_marker("ground.root", position=np.add(place, middle))
@@ -281,11 +281,12 @@ def clamped_frequency(load):
     return brentq(determinant, 1.0, 42.0)
 
 
+@pytest.mark.parametrize("words", [{}, {"plane": "xy"}], ids=["in space", "in a plane"])
 @pytest.mark.parametrize(("share", "modes"), [(0.9, 1), (0.9, 2), (0.5, 2), (0.9, 8), (-2.0, 2)])
-def test_modes_that_cannot_bow_under_a_load_are_told(share, modes):
-    """At 0.9 of Euler's load the lowest frequency is 11 % too high with one or two modes."""
+def test_modes_that_cannot_bow_under_a_load_are_told(share, modes, words):
+    """At 0.9 of Euler's load the lowest frequency is 10.3 % too high with one or two modes."""
     load = share * EULER["clamped"]
-    found = flexmb.linearize(loaded("clamped", load, modes=modes), about="static")
+    found = flexmb.linearize(loaded("clamped", load, modes=modes, **words), about="static")
     error = found.frequencies.min() * 2 * np.pi / clamped_frequency(load) - 1.0
     told = [note for note in found.notes if "its modes do not answer" in note]
     assert bool(told) == (error > 0.02)

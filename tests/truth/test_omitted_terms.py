@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 import warnings
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -18,8 +19,10 @@ from scipy.linalg import eigh
 from shellkit import sheet
 
 import flexmb
+from flexmb.analysis.linear.linearization import ModeSweep
 from flexmb.fe import rectangle, reduce, shell
 from flexmb.model import Model
+from flexmb.workflow.linearize import sweep_modes
 
 E, DENSITY = 7e10, 2700.0
 FLAT, SQUARE = (0.05, 0.01), (0.02, 0.02)  # in the plane of rotation, and across
@@ -151,6 +154,18 @@ def test_constant_coupling_tells_what_coriolis_and_centrifugal_forces_change(spe
     assert abs(error) > 0.02
 
 
+def test_a_sweep_tells_each_lack_once():
+    """Sentences were told apart by what stands before a colon: a speed, or a body alone."""
+    bound, error = (f"bodies.blade0: its {what} is too high by " for what in ("load", "frequency"))
+    notes = [(f"{bound}0.9",), (f"{bound}0.95", f"{error}3 %")]
+    stubs = tuple(SimpleNamespace(notes=one) for one in notes)
+    sweep = ModeSweep("load", np.array([1.0, 2.0]), np.zeros((2, 0)), np.zeros(2), stubs)
+    assert sweep.notes == (f"load = 1: {bound}0.9", f"load = 2: {error}3 %")
+    sweep = sweep_modes(lambda speed: rotor(FLAT, speed), "speed", [0.0, 1.8, 2.2, 2.6])
+    (told,) = sweep.notes
+    assert told.startswith("speed = 1.8: bodies.blade0 turns with ")
+
+
 def test_a_frequency_that_is_wrong_altogether_is_told_without_a_number():
     words = {"geometric_stiffening": "full", "inertia_coupling": "constant"}
     model, true = rotor(SQUARE, 12.0, frame="interface root", **words), ritz(SQUARE, 12.0).min()
@@ -181,20 +196,40 @@ def test_nothing_is_told_of_frequencies_that_are_right(speed, words):
     assert np.sort(hertz)[:4] == pytest.approx(true, rel=0.02)
 
 
-@pytest.mark.parametrize("force", [1000.0, -1000.0])
-def test_a_bar_under_an_axial_force_tells_its_frequency(force):
-    """Between pins frequencies are by √(1 + F L²/(n² π² EI)) those without a force."""
-    model = Model("bar", gravity=[0, 0, 0])
+def pulled(*forces):
+    """Bars beside each other between pins, each with a force along it."""
+    model = Model("bars", gravity=[0, 0, 0])
     body = reduce(
         line(16), modes=12, material={"E": E, "nu": 0.3, "density": DENSITY},
         sections={"all": rectangle(*FLAT, shear=False)}, interfaces={"root": "root", "tip": "tip"},
     )  # fmt: skip
-    model.add_marker("ground.tip", position=[1, 0, 0])
-    model.add_body("bar", body)
-    model.add_joint("left", "universal", between=["ground", "bar.root"], axis="y", second_axis="z")
-    model.add_joint("right", "in-line", between=["ground.tip", "bar.tip"], axis="x")
-    model.add_force("load", "force", at="bar.tip", value=[force, 0, 0])
-    hertz, [(text, own, error)] = linearized(model)
+    for k, force in enumerate(forces):
+        name = f"bar{k}"
+        for end, x in (("root", 0), ("tip", 1)):
+            model.add_marker(f"ground.{end}{k}", position=[x, k, 0])
+        model.add_body(name, body, position=[0, k, 0])
+        ends = ([f"ground.{end}{k}", f"{name}.{end}"] for end in ("root", "tip"))
+        model.add_joint(f"left{k}", "universal", between=next(ends), axis="y", second_axis="z")
+        model.add_joint(f"right{k}", "in-line", between=next(ends), axis="x")
+        model.add_force(f"load{k}", "force", at=f"{name}.tip", value=[force, 0, 0])
+    return model
+
+
+EULER = np.pi**2 * E * FLAT[0] * FLAT[1] ** 3 / 12
+
+
+@pytest.mark.parametrize("force", [1000.0, -1000.0])
+def test_a_bar_under_an_axial_force_tells_its_frequency(force):
+    """Between pins frequencies are by √(1 + F L²/(n² π² EI)) those without a force."""
+    hertz, [(text, own, error)] = linearized(pulled(force))
     assert "turns" not in text and own == pytest.approx(hertz[0], rel=1e-3)
-    euler = np.pi**2 * E * FLAT[0] * FLAT[1] ** 3 / 12
-    assert 1 + error == pytest.approx((1 + force / euler) ** -0.5, rel=0.01)
+    assert 1 + error == pytest.approx((1 + force / EULER) ** -0.5, rel=0.01)
+
+
+def test_a_bar_is_told_beside_one_that_has_no_such_frequency():
+    """Of the second one nothing was told as the first was buckled."""
+    notes = flexmb.linearize(pulled(-1.2 * EULER, -0.5 * EULER)).notes
+    told = {note.partition(":")[0]: note for note in notes if "is left out" in note}
+    assert "is none with all terms" in told["bodies.bar0"]
+    percent = float(told["bodies.bar1"].split("too high by about ")[1].split(" %")[0])
+    assert percent == pytest.approx(100 * (0.5**-0.5 - 1), rel=0.02)

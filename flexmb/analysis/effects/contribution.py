@@ -277,7 +277,7 @@ def estimate(
     start = first_change(other, model, carried) if begins_as_placed else None
     made = respond(other, carried, balance, start, quasi_static=quasi_static, jumps=jumps)
     if idle := idle_bodies(other, model, carried, made.dq):
-        still: list[Response] = []
+        still, changes = list[Response](), list[Array]()
         for one in turned_motions(other, carried, idle):
             if start is not None and still:
                 start = first_change(replace(other, initial_q=one.q[0]), model, one)
@@ -286,9 +286,9 @@ def estimate(
                     other, one, balance, start, quasi_static=quasi_static, jumps=jumps, idle=idle
                 )
             )
-        changes = np.array([one.channels for one in still])
+            changes.append(still[-1].channels + one.channels - carried.channels)
         largest = np.abs(changes).max(axis=1).argmax(axis=0)
-        change = np.take_along_axis(changes, largest[None, None], 0)[0]
+        change = np.take_along_axis(np.array(changes), largest[None, None], 0)[0]
         turns = ["rad" in (model.channel_unit(name) or "") for name in other.layout.channels]
         made = replace(still[0], channels=np.where(turns, made.channels, change))
     specs = active_model(model).forces.values()

@@ -10,6 +10,7 @@ the distance of their eigenvalues.
 from __future__ import annotations
 
 import copy
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -51,6 +52,7 @@ _COMPARED_ANGLE = 0.01  # rad of the motion, or of the slowest mode, between the
 _GROWTH_ROUND_OFF = 1e-6  # Re λ/|λ| above which a mode grows
 _MAX_NAMED = 6  # modes named in a sentence
 _MAX_MATCHED = 40  # modes followed over a sweep
+_NUMBER = re.compile(r"(?<![\w.])-?\d[\d.e+-]*(, | |$)")  # not those of names
 
 
 @dataclass(frozen=True)
@@ -401,11 +403,11 @@ class ModeSweep:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Sentences for the user, each once, with the first value for which it is true."""
+        """Sentences for the user, each once, of its numbers the first, with their value."""
         seen: dict[str, str] = {}
         for value, one in zip(self.values, self.linearizations, strict=True):
             for note in one.notes:
-                seen.setdefault(note.partition(":")[0], f"{self.parameter} = {value:g}: {note}")
+                seen.setdefault(_NUMBER.sub("", note), f"{self.parameter} = {value:g}: {note}")
         return tuple(seen.values())
 
 

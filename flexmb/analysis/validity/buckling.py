@@ -88,8 +88,7 @@ class LoadedMechanism:
             self._root[part, part] = _square_root(M)
             number = len(self._bodies)
             self._bodies.append((entry, part, body, mean))
-            in_space = (compiled.system.kkt.column[iv : iv + 6] >= 0).all()
-            if body is not None and body.omitted_stiffening is not None and in_space:
+            if body is not None and body.omitted_stiffening is not None:
                 self._omitted.append(_OmittedFields.of_body(compiled, number, body, first))
                 first = self._omitted[-1].rows.stop
         self._size = first

@@ -274,7 +274,7 @@ def errors_by_omission(
     errors = np.divide(before - after, after, out=np.full(len(after), np.inf), where=after > 0.0)
     errors[(before == 0.0) & (after == 0.0) | np.isnan(hertz[1]) | (after > below)] = 0.0
     for name, change in changes.items() if len(errors) else ():
-        own = errors * (change >= _OWN_SHARE * largest)[: len(errors)]
+        own = np.where((change >= _OWN_SHARE * largest)[: len(errors)], errors, 0.0)
         worst = int(np.abs(own).argmax())
         causes = every[:, worst] * (names == name)
         of = (causes >= _SHARE_OF_CAUSE * causes.max()) & (names == name)
