@@ -53,6 +53,7 @@ SETTLED_NOISE = 10.0
 _UNSYMMETRIC_ABOVE = 0.2
 _FAIL_ABOVE = 0.9
 _REDUNDANT_PIVOT = 1e-7  # pivot of a redundant row over that without other rows, at most
+LARGEST_REDUNDANT_PIVOT = 10.0  # pivot of a redundant row over its regularisation
 _INDEPENDENT_PIVOT_RATIO = 1e6  # pivot of an independent row over its regularisation, at least
 # Refinements: most of them; ratio of successive changes above which more do not help; change over
 # the largest acceleration that is round-off.

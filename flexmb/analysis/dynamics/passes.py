@@ -59,7 +59,8 @@ PASSES = np.dtype([
 ])  # fmt: skip
 """Record of the passes of a run, saved with its state."""
 
-_FIRST = "first_"  # prefix of the arrays of the first state in a saved state
+# Prefixes of the arrays of the first state in a saved state, without and with error scales.
+_FIRST, _BEGIN = "first_", "begin_"
 STAGNATION_RATIO = 0.5
 """Ratio of the difference of the two runs to that of the pass before, above which shorter steps do
 not help."""
@@ -134,6 +135,7 @@ class PreparedDynamics:
         return {
             **self.run.state._asdict(),
             **{_FIRST + name: value for name, value in self.first._asdict().items()},
+            **{_BEGIN + name: value for name, value in self.begin._asdict().items()},
             "passes": self.passes,
             **self.run.tallies(),
             **({} if self.comparison is None else self.comparison.arrays()),

@@ -99,8 +99,6 @@ def _restore(prepared: PreparedDynamics, arrays: dict[str, np.ndarray], result: 
         raise ResultFileError(f"{result.path}: {what}")
     for name, array in own.items():
         array[...] = arrays[name]
-    for array, at_first in zip(prepared.begin, prepared.first, strict=True):
-        array[...] = at_first
     others = [prepared.verified.scout] if prepared.verified else []
     others += [prepared.halving.halved] if prepared.halving else []
     for run in (prepared.run, *others):

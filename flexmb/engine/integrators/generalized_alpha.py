@@ -36,6 +36,7 @@ from flexmb.engine.bodies.motion import interpolate_step, move, put_dq_round_off
 from flexmb.engine.equations_of_motion import position_stage, residual, run_stage
 from flexmb.engine.error_scales import add_static_error_of_path
 from flexmb.engine.iteration_matrix import (
+    LARGEST_REDUNDANT_PIVOT,
     REFACTOR_ABOVE,
     SETTLED_NOISE,
     check_contraction,
@@ -224,7 +225,7 @@ def step(run: Run, alpha: Alpha, h: float) -> int:
             clean = alpha.project == 1 or depends_on_solution(run) or _is_short(run, h)
             if clean and st.lam.shape[0] > 0:
                 return _project(run, alpha, b, VELOCITIES)
-            if count["steps"] % _RELIEF_INTERVAL == 0 and has_dependent_rows(factor, 0.0):
+            if count["steps"] % _RELIEF_INTERVAL == 0 and _has_redundant_rows(factor):
                 _relieve_redundant_rows(run, b)
             return SUCCESS
     return NO_CONVERGENCE
@@ -240,6 +241,13 @@ def _is_short(run, h):
     for k in range(rows.shape[0]):
         short = short or (rows[k]["fun"] >= 0 and h < _SHORT_STEP * longest)
     return short
+
+
+@kernel
+def _has_redundant_rows(factor):
+    """Whether rows are redundant, and none is nearly dependent as near a dead point."""
+    dependent = has_dependent_rows(factor, LARGEST_REDUNDANT_PIVOT)
+    return has_dependent_rows(factor, 0.0) and not dependent
 
 
 @kernel

@@ -45,6 +45,7 @@ from flexmb.engine.integrators.radau_coefficients import (
 )
 from flexmb.engine.integrators.radau_systems import correct_stages, factorise_stages, filter_motion
 from flexmb.engine.iteration_matrix import (
+    LARGEST_REDUNDANT_PIVOT,
     REFACTOR_ABOVE,
     SETTLED_NOISE,
     check_contraction,
@@ -71,9 +72,8 @@ _STEP_CHANGE = 0.1
 # Corrections of positions up to this many times round-off that no longer decrease are noise. They
 # are compared with the last two, since contractions with an old factor vary.
 _NOISE_FACTOR = 50.0
-# Across a singular pose: regularisation of constraint rows over the standard one; and the largest
-# pivot of a redundant row over its regularisation.
-_SINGULAR_REGULARISATION, _REDUNDANT_PIVOT = 1e5, 10.0
+# Across a singular pose: regularisation of constraint rows over the standard one.
+_SINGULAR_REGULARISATION = 1e5
 # After such a step: if a constraint violation before the last correction exceeds this many times
 # the allowed correction, a shorter step is tried; most of these trials.
 _GAP_RATIO, _MAX_TRIES = 10.0, 3.0
@@ -111,7 +111,7 @@ def step(run: Run, radau: Radau, h: float) -> int:
     """
     memory, real = run.state.memory[0], run.work.collocation.real
     status = _iterate(run, radau, h)
-    if status == method.NO_CONVERGENCE and has_dependent_rows(real, _REDUNDANT_PIVOT):
+    if status == method.NO_CONVERGENCE and has_dependent_rows(real, LARGEST_REDUNDANT_PIVOT):
         memory["regularisation"], memory["factor_step"] = _SINGULAR_REGULARISATION, 0.0
         status = _iterate(run, radau, h)
         memory["regularisation"], memory["factor_step"] = 0.0, 0.0
