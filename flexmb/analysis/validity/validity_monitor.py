@@ -239,7 +239,7 @@ def _omitted_terms(
 
 
 def _frequency_error(error: float, hertz: str) -> str:
-    """Words on the relative error of a natural frequency, "" if the motion does not vibrate."""
+    """Words on the relative error of a natural frequency; `hertz` is "" if it does not vibrate."""
     if not hertz:
         return "a motion does not vibrate as it does with all terms"
     how = f"too {'high' if error > 0.0 else 'low'} by about {percent(abs(error))}"
