@@ -203,6 +203,7 @@ def test_a_body_file_that_cannot_be_written(folder: Path) -> None:
     assert lines == ["file/b.h5: cannot write the flexible body: Not a directory"]
 
 
+@pytest.mark.seconds
 def test_files_that_are_not_ours(folder: Path) -> None:
     (folder / "text.h5").write_text("hello")
     with h5py.File(folder / "strange.h5", "w") as file:
@@ -315,6 +316,7 @@ duration = 1
     assert f"largest: {1 / (2 * (2 * 3.141592653589793) ** 2):.5g} at 1 Hz" in done.output
 
 
+@pytest.mark.seconds
 def test_a_folder_named_as_a_scene_is_told_once(folder: Path) -> None:
     (folder / "all" / "dir.toml").mkdir(parents=True)
     (said,) = refused("check-all", folder / "all")

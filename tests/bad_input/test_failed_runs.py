@@ -80,6 +80,7 @@ def test_a_failed_run_says_how_it_was_assembled(tmp_path: Path) -> None:
     assert any(one.startswith("note: assembled with least change; moved: arm") for one in others)
 
 
+@pytest.mark.seconds
 def test_the_command_ends_in_2_and_says_what_is_kept(tmp_path: Path) -> None:
     scene = tmp_path / "scene.toml"
     scene.write_text(

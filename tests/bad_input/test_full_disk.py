@@ -87,6 +87,7 @@ def test_no_limit_crashes_the_writer(tmp_path: Path) -> None:
     assert {rows == "-1" for _, rows, _ in lines} == {True, False}  # before the run, and in it
 
 
+@pytest.mark.seconds
 @pytest.mark.filterwarnings("ignore::flexmb.errors.FlexmbWarning")
 def test_a_run_on_a_full_disk_goes_on_when_there_is_room(project: Path, tmp_path: Path) -> None:
     scene = project / "cases" / "rigid_slider_crank" / "scene.toml"

@@ -120,11 +120,13 @@ def test_a_body_from_elsewhere_reads_nothing_but_itself(
         load(body)
 
 
+@pytest.mark.seconds
 def test_a_body_from_elsewhere_that_is_whole_is_read(body: Path, monkeypatch) -> None:
     from_elsewhere(body, monkeypatch)
     assert load(body).mass == 2.0
 
 
+@pytest.mark.seconds
 def test_a_result_from_elsewhere_writes_into_no_other_file(tmp_path: Path, monkeypatch) -> None:
     target = tmp_path / "diary.txt"
     target.write_bytes(b"mine" * 100)
@@ -159,6 +161,7 @@ def test_each_flipped_bit_is_noticed(tmp_path: Path, body: Path, kind: str) -> N
             load(path) if kind == "body" else Result(path)
 
 
+@pytest.mark.seconds
 def test_damaged_files_of_other_users_end_in_a_sentence(body: Path, monkeypatch) -> None:
     whole, rng = body.read_bytes(), np.random.default_rng(3)
     for number in range(6):
@@ -220,6 +223,7 @@ MESHES = {  # what loops or takes memory in the parsers of meshio 5.3
 }
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     "name",
     [
@@ -234,6 +238,7 @@ def test_cut_and_lying_meshes_end_in_a_sentence(tmp_path: Path, monkeypatch, nam
         read_mesh(tmp_path / name)
 
 
+@pytest.mark.seconds
 def test_a_mesh_is_read_apart_once(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setenv("FLEXMB_CACHE_DIR", str(tmp_path / "cache"))
     path = tmp_path / "one.msh"
@@ -261,6 +266,7 @@ def test_the_mark_of_a_mesh_holds_for_its_format_alone(tmp_path: Path, monkeypat
     assert untrusted.check_reading(tmp_path / "a.ele", "meshes") == "is read apart"
 
 
+@pytest.mark.seconds
 def test_a_flexmb_that_only_this_program_finds_reads_as_well(
     body: Path, tmp_path: Path, monkeypatch, project: Path
 ) -> None:
@@ -313,6 +319,7 @@ def test_what_parsers_let_through_is_a_sentence(tmp_path: Path, name: str, text:
         _read(tmp_path / name)
 
 
+@pytest.mark.seconds
 def test_hdf5_of_a_mesh_has_no_links(tmp_path: Path) -> None:
     secret = tmp_path / "secret.bin"
     secret.write_bytes(np.arange(12.0).tobytes())

@@ -62,6 +62,7 @@ def bomb_of_texts() -> pa.Table:
     return pa.table({"key": np.arange(5000), "reason": texts})
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     ("make", "sentence"),
     [

@@ -21,6 +21,7 @@ def plot(*words: str | Path) -> tuple[int, str]:
     return done.exit_code, done.output
 
 
+@pytest.mark.seconds
 def test_it_draws_into_a_file_that_it_replaces_only_by_force(folder: Path, tmp_path) -> None:
     file = tmp_path / "a.svg"
     assert plot(folder, "slider.x", "-o", file) == (0, f"written: {file}\n")
@@ -31,6 +32,7 @@ def test_it_draws_into_a_file_that_it_replaces_only_by_force(folder: Path, tmp_p
     assert file.read_bytes() != before
 
 
+@pytest.mark.seconds
 def test_every_kind_is_drawn(folder: Path, tmp_path) -> None:
     for kind, name in {
         "campbell": "slider.x", "hodograph": "slider", "energy": "", "modes": "",

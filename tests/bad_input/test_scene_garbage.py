@@ -38,6 +38,7 @@ def _places(data, path=()):
 _SEEDS = [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2, 3))]
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("seed", _SEEDS)
 def test_garbage_is_a_scene_error_or_nothing(seed):
     rng = random.Random(seed)

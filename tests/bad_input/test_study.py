@@ -68,6 +68,7 @@ def test_a_scene_without_sensors_says_how_to_add_one(scene: Path) -> None:
     assert 'type = "position"' in done.stderr
 
 
+@pytest.mark.seconds
 def test_a_study_of_the_scene_is_run_shown_and_written(scene: Path) -> None:
     text = PENDULUM.read_text(encoding="utf-8")
     scene.write_text(f"{text}[study]\nvary = {{ step = [1e-2, 5e-3] }}\n", encoding="utf-8")

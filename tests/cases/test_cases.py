@@ -70,6 +70,7 @@ def test_a_part_by_itself_gives_its_known_answers(scene: Path, tmp_path: Path) -
 BODIES = [path for path in CASES if not runs(path) and not is_part(path)]
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("scene", BODIES, ids=case_name)
 def test_bodies_alone_have_their_known_frequencies(scene: Path, tmp_path: Path) -> None:
     found = reduce_scene(scene, output=tmp_path)
@@ -92,6 +93,7 @@ def test_every_case_says_where_its_answers_come_from() -> None:
             assert check.source, scene
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     "script",
     [

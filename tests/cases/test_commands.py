@@ -48,6 +48,7 @@ def said(*arguments: str) -> tuple[int, str]:
     return outcome.exit_code, outcome.output
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     "scene",
     [pytest.param(s, marks=pytest.mark.slow) if has_mesh(s) else s for s in SCENES],
@@ -80,6 +81,7 @@ def test_known_answers_of_deforming_bodies_are_not_those_of_rigid_ones(tmp_path,
     assert "not compared: of its motion, not of undeformed bodies" in shown
 
 
+@pytest.mark.seconds
 def test_a_part_by_itself_is_drawn_in_its_vibrations_and_at_rest(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     scene = str(ROOT / "cases/elliptic_plate/membrane.toml")

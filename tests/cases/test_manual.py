@@ -10,7 +10,7 @@ from manualkit import blocks, pages, run_page
 
 PAGES = pages()
 LONG = {"audit", "flexible-bodies", "pictures", "reduction", "results", "scenes", "statics"}
-"""Pages whose blocks take seconds; `.ci/run` runs them beside the fast tests."""
+"""Pages whose blocks take seconds."""
 SLOW = [
     name
     for name, path in PAGES.items()
@@ -31,7 +31,7 @@ def _check(name: str, folder: Path, slow: bool) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(k, marks=pytest.mark.slow) if k in LONG else k for k in PAGES]
+    "name", [pytest.param(k, marks=pytest.mark.seconds) if k in LONG else k for k in PAGES]
 )
 def test_the_blocks_of_a_page_run_and_print_what_it_shows(name: str, tmp_path: Path) -> None:
     _check(name, tmp_path, slow=False)

@@ -19,6 +19,7 @@ CASE = Path(__file__).parents[2] / "cases" / "test_set_crank"
 TABLE = reference("simeon_crank")
 
 
+@pytest.mark.seconds
 def test_published_end_values():
     """The stored reference has the printed matrices; published are 9 digits of the first state."""
     model = flexmb.load_scene(CASE / "scene.toml", {"dynamics.outputs": "5"})

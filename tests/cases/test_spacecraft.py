@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 from scipy.spatial.transform import Rotation
 
 import flexmb
@@ -44,6 +45,7 @@ def momentum(result, layout, files):
     return np.hstack([linear, np.cross(r, linear) + np.einsum("nab,nb->na", A, inner)])
 
 
+@pytest.mark.seconds
 def test_momentum_is_kept(tmp_path):
     model = flexmb.load_scene(SCENE)
     model.checks.clear()  # they end later

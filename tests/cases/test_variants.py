@@ -32,6 +32,7 @@ def test_the_misaligned_four_bar_locks_when_it_is_rigid(tmp_path: Path) -> None:
         flexmb.run_scene(CASES / "misaligned_four_bar/scene.toml", output=tmp_path, overrides=rigid)
 
 
+@pytest.mark.seconds
 def test_the_excavator_with_a_rigid_boom_is_the_one_of_kinematics(tmp_path: Path) -> None:
     change = {"bodies.boom.deformation": "rigid", "dynamics.outputs": "11"}
     folder = CASES / "excavator"
@@ -45,6 +46,7 @@ def test_the_excavator_with_a_rigid_boom_is_the_one_of_kinematics(tmp_path: Path
         np.testing.assert_allclose(a[f"tooth.{axis}"], expected, atol=1e-9)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     ("scene", "missing"),
     [

@@ -100,6 +100,7 @@ def error_of(name, method, steps, away=AWAY):
 SKEW = ("skew body on a cross", "skew body on a spring")
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("name", [pytest.param(SKEW[0], marks=pytest.mark.slow), SKEW[1]])
 def test_what_newton_leaves_in_short_steps_does_not_add_up(name):
     """Below the last places of positions too: that was 2e-5 to 4e-5 here, more with each step."""

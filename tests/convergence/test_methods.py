@@ -185,6 +185,7 @@ def test_small_fixed_steps_are_not_worse(case):
     assert errors[1] < max(2.0 * errors[0] * 0.02 ** min(p, 2), 1e-9), errors
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("case", ["trapezoidal", "baumgarte", "coordinate-partitioning"])
 def test_plain_python_takes_the_same_steps(case):
     options, _ = CASES[case]

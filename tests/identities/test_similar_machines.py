@@ -149,6 +149,7 @@ def test_machines_of_all_sizes_move_alike(make, method):
         assert np.abs(off).max() < 1e-8 * np.ptp(wanted, axis=0).max(), factors
 
 
+@pytest.mark.seconds
 @pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
 @pytest.mark.parametrize("method", METHODS[:2])
 @pytest.mark.parametrize("make", [driven_crank, rubbing_crank])

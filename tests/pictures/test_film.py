@@ -45,6 +45,7 @@ def _hash(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
+@pytest.mark.seconds
 def test_a_gif_has_the_frames_of_its_speed(run: Path, tmp_path: Path) -> None:
     span = Result(run).time[-1]
     before = _hash(run)
@@ -74,6 +75,7 @@ def test_processes_draw_the_same_pictures(run: Path, tmp_path: Path) -> None:
         assert np.abs(one - two).max() <= 2  # whatever frames a process has drawn before
 
 
+@pytest.mark.seconds
 def test_a_picture_does_not_depend_on_those_drawn_before(tmp_path: Path) -> None:
     """Arrows lie in front of what they act on, by an offset that VTK keeps for all pictures."""
     if not vtk_renderer.probe().works:
@@ -100,6 +102,7 @@ def _shot(run: Path, rate: float, speed: float, **view) -> MotionShot:
     return MotionShot(run, schedule, words, (160, 90), drawing.scale)
 
 
+@pytest.mark.seconds
 def test_every_frame_lies_in_the_view_of_the_whole_motion(run: Path) -> None:
     shot = _shot(run, 50.0, 0.1)
     first, largest = shot.panels(0)[0], 0.0
@@ -179,6 +182,7 @@ def test_bad_options_are_refused(run: Path, tmp_path: Path, options: dict, words
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.seconds
 def test_what_exists_is_replaced_only_by_force(run: Path, tmp_path: Path) -> None:
     few = {"end": 0.004, "speed": 0.02, **SMALL}
     path = tmp_path / "a.gif"
@@ -240,6 +244,7 @@ def test_mp4_needs_its_encoder(run: Path, tmp_path: Path, monkeypatch: pytest.Mo
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.seconds
 def test_an_mp4_has_all_frames(run: Path, tmp_path: Path) -> None:
     imageio_ffmpeg = pytest.importorskip("imageio_ffmpeg")
     span = Result(run).time[-1]
@@ -250,11 +255,13 @@ def test_an_mp4_has_all_frames(run: Path, tmp_path: Path) -> None:
         film(run, path, **SMALL)
 
 
+@pytest.mark.seconds
 def test_a_machine_without_vtk_makes_a_simple_film(run: Path, tmp_path: Path, without_vtk) -> None:
     path = film(run, tmp_path / "a.gif", end=0.002, speed=0.02, **SMALL)
     assert Image.open(path).n_frames == 3
 
 
+@pytest.mark.seconds
 def test_a_process_that_ends_early_is_reported(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     schedule = plan(Result(run), 25.0, 0.02, 0.0, 0.01)
     shot = MotionShot(run.parent / "gone.h5", schedule, {}, (160, 90))
@@ -304,6 +311,7 @@ def test_the_command_refuses_in_one_sentence(run: Path, arguments: list, words: 
     assert "Traceback" not in outcome.output
 
 
+@pytest.mark.seconds
 def test_the_command_makes_a_film_and_does_not_replace_it(run: Path, tmp_path: Path) -> None:
     arguments = ["film", str(run.parent), "-o", str(tmp_path / "a.gif"), "--size", "160x90"]
     arguments += ["--speed", "0.05", "--end", "0.01", "--trace", "slider,rod.big_end"]

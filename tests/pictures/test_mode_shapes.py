@@ -12,6 +12,7 @@ from flexmb.view.mechanism import Mechanism
 from flexmb.view.picture import view_of
 
 
+@pytest.mark.seconds
 def test_a_picture_and_a_vibration_for_each_mode(tmp_path):
     made = flexmb.linearize(chain())
     pictures = flexmb.render_mode_shapes(made, tmp_path, [1, 2, 9])
@@ -27,6 +28,7 @@ def test_a_picture_and_a_vibration_for_each_mode(tmp_path):
     assert caption == "shape of a vibration, its amplitude is arbitrary"
 
 
+@pytest.mark.seconds
 def test_colours_of_a_mode_are_relative(tmp_path):
     model = flexmb.Model("beam")
     mesh = {"type": "beam", "length": 1.0, "divisions": 4}
@@ -43,6 +45,7 @@ def test_colours_of_a_mode_are_relative(tmp_path):
     assert (scale.label, scale.top) == ("relative displacement", pytest.approx(1.0))
 
 
+@pytest.mark.seconds
 def test_a_vibration_along_the_joint_axes_is_seen_from_aside(tmp_path):
     model = flexmb.Model("rotor on a spring")
     model.add_body("mount", shape={"type": "box", "size": [1, 1, 0.2]}, density=1000)

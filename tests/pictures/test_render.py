@@ -43,6 +43,7 @@ def test_the_picture_shows_the_mechanism(result: Result, tmp_path: Path, drawn_b
     assert yellow.any()  # the top of the scale, on the rod
 
 
+@pytest.mark.seconds
 def test_time_and_exaggeration_change_the_picture(result, tmp_path: Path, drawn_by: str) -> None:
     small = {"size": (400, 225)}
     first = _pixels(render(result, 0.004, output=tmp_path / "a.png", **small))
@@ -89,6 +90,7 @@ def test_springs_massless_links_and_driven_distances_are_drawn_between_their_mar
     assert max(ends.values()) < 0.1
 
 
+@pytest.mark.seconds
 def test_an_exaggerated_body_stays_on_its_joints(tmp_path: Path) -> None:
     scene = Path(__file__).parents[2] / "cases/flexible_four_bar/scene.toml"
     run = run_scene(scene, output=tmp_path, pictures=False)

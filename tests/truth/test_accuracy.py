@@ -134,11 +134,13 @@ def test_a_scene_a_kilometre_away_is_as_accurate(name, method):
         assert found.steps == pytest.approx(plain.steps, rel=0.5)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("name", ["skew body on a cross", "gimbals"])
 def test_radau_is_as_accurate_a_kilometre_away(name):
     assert_reached(name, "radau", 1e-8, moved(SCENES[name].make(1.0)), away=AWAY)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     "name",
     [
@@ -157,6 +159,7 @@ def test_generalized_alpha_is_as_accurate_a_kilometre_away(name):
     assert found.steps == pytest.approx(plain.steps, rel=0.5)
 
 
+@pytest.mark.seconds
 def test_steps_of_a_driven_motion_follow_its_velocity():
     """What counts as rest near round-off is no velocity: steps are as 1/4 power of the accuracy."""
     scene = SCENES["driven slider-crank"]
@@ -231,6 +234,7 @@ def flexible_error(name, channels, sensors):
     return largest_error(dict(zip(channels, sensors.T, strict=True)), judge)[0]
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("name", FLEXIBLE)
 @pytest.mark.parametrize("method", ["auto", "generalized-alpha"])
 @pytest.mark.parametrize("accuracy", [1e-3, 1e-4])
@@ -250,6 +254,7 @@ def test_a_slow_ring_beside_a_fast_wheel_is_as_accurate():
     assert_reached("gimbals", "generalized-alpha", 1e-3, duration=0.3)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     "method", ["auto", pytest.param("generalized-alpha", marks=pytest.mark.slow)]
 )
@@ -277,6 +282,7 @@ def test_bending_beside_a_large_motion_is_as_accurate():
     assert error < 3 * found.statistics["measured_error_of_positions"]
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     ("make", "duration", "accuracy", "most"),
     [

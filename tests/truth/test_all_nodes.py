@@ -126,6 +126,7 @@ def error(parts, coupling: str) -> float:
     )
 
 
+@pytest.mark.seconds
 def test_the_forces_of_the_reference_are_those_of_its_energy(parts) -> None:
     _, nodes, motion = parts
     direction = np.random.default_rng(1).standard_normal(nodes.x.shape)

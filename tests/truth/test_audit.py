@@ -110,6 +110,7 @@ def rotor_on_a_mast():
     return model
 
 
+@pytest.mark.seconds
 @pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
 @pytest.mark.parametrize(
     ("body", "word", "effect", "within"),
@@ -331,6 +332,7 @@ def slow_or_fast(speed):
     return model
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     ("share", "deformation"),
     [

@@ -71,6 +71,7 @@ def told_and_true(models):
     return made.channels[:, k], other["place.x"] - run["place.x"]
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("scene", [
     block_on_a_guide, pytest.param(puck_on_a_floor, marks=pytest.mark.slow), block_under_a_load,
 ])  # fmt: skip
@@ -80,7 +81,7 @@ def test_what_has_slid_further_sticks_at_another_place(scene):
     assert np.abs(told - true).max() < 0.03 * np.ptp(true)
 
 
-@pytest.mark.slow
+@pytest.mark.seconds
 def test_a_contact_that_is_open_at_first_and_vibrates_faster_than_the_rows():
     models = [puck_on_a_floor(2.0 * f, depth=0.0) for f in (1.0, MORE)]
     for model in models:

@@ -50,6 +50,7 @@ def moved(model, by):
     return Model.from_scene_dict(scene)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     "by", [[0.0, 0.0, 0.0], pytest.param([1e3, 500.0, -300.0], marks=pytest.mark.slow)]
 )

@@ -179,6 +179,7 @@ def left_out(model, folder, words, effect, rows=800, deformation="dynamic"):
     return {name: (sums[name], share_between(run, full, name)) for name in model.sensors}
 
 
+@pytest.mark.seconds
 def test_two_columns_hold_one_another_if_one_of_them_is_rigid(tmp_path):
     """Each alone was said to contribute 0.4 % where the table moves by nothing else."""
     words = {"deformation": "rigid", "geometric_stiffening": "none"}
@@ -196,6 +197,7 @@ def test_a_deformation_that_follows_its_loads_jumps_with_them(t0, tmp_path):
         assert told == pytest.approx(true, rel=0.1)
 
 
+@pytest.mark.seconds
 def test_a_stiff_arm_rings_when_its_motor_begins_at_once(tmp_path):
     """Its modes are faster than the rows: they begin with the jump of what they follow."""
     model = arm_that_turns(side=0.03, t0=0.02, t1=0.5)
@@ -206,7 +208,7 @@ def test_a_stiff_arm_rings_when_its_motor_begins_at_once(tmp_path):
     assert told == pytest.approx(true, rel=0.03)
 
 
-@pytest.mark.slow
+@pytest.mark.seconds
 def test_stiff_modes_do_not_ring_as_an_elbow_turns(tmp_path):
     """They vibrate about places that turn with the lower arm, by 0.1 rad from row to row."""
     told, true = deformation_of(two_arms(), "upper", tmp_path)["elbow"]
@@ -255,7 +257,7 @@ def test_rates_of_shapes_that_follow_their_loads_are_no_noise(tmp_path):
     assert told == pytest.approx(true, rel=0.5)
 
 
-@pytest.mark.slow
+@pytest.mark.seconds
 def test_reactions_to_an_effect_of_bodies_that_follow_have_no_inertia_of_these(tmp_path):
     """They were less than a half of it."""
     words, effect = CONSTANT, "coupling and stiffening"
@@ -288,7 +290,7 @@ def test_a_contact_remembers_the_speed_of_its_impact(tmp_path):
     assert true < told < 0.05
 
 
-@pytest.mark.slow
+@pytest.mark.seconds
 def test_reactions_of_bodies_that_follow_have_the_inertia_of_their_deformation(tmp_path):
     """They were a fifth of it: 1.9 % of vibration were told for 0.2 %."""
     model = closed_loop()
@@ -308,7 +310,7 @@ def test_a_selection_sees_what_two_columns_do_together(tmp_path):
     assert find(flexmb.audit(run), "deformation", "left").on
 
 
-@pytest.mark.slow
+@pytest.mark.seconds
 def test_bodies_of_long_names_are_audited_together(tmp_path):
     """The folder of their common run had the names of all of them, too long for a file system."""
     model = Model("two arms")
@@ -342,6 +344,7 @@ def arm_on_a_servo():
     return model
 
 
+@pytest.mark.seconds
 def test_dampers_do_not_act_on_what_follows_its_loads(tmp_path):
     """Told from two estimates along a rigid motion it was a part: the run itself tells it."""
     words = {"deformation": "quasi-static"}
@@ -387,6 +390,7 @@ def arm_with_a_controller():
     return model
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("is_on", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_a_jib_rings_by_as_much_as_its_load_bent_it(is_on, tmp_path):
     """What follows the load jumps with it between two rows: a third was told of 12 %."""
@@ -399,7 +403,7 @@ def test_a_jib_rings_by_as_much_as_its_load_bent_it(is_on, tmp_path):
         assert true > 0.05 and told == pytest.approx(true, rel=0.2)
 
 
-@pytest.mark.slow
+@pytest.mark.seconds
 def test_vibrations_under_a_controller_that_sees_rates(tmp_path):
     """Estimates along a rigid motion differ by more than them: 1 % for 0.01 % of a tool."""
     words = {"deformation": "quasi-static"}

@@ -187,7 +187,7 @@ def swung(planar=True):
     return model
 
 
-@pytest.mark.slow
+@pytest.mark.seconds
 @pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
 def test_what_a_plane_leaves_out_of_bending(tmp_path):
     """Against the same beam in space."""
@@ -233,6 +233,7 @@ def test_modes_that_a_plane_has_no_room_for_are_no_motion_out_of_it(tmp_path):
     assert Estimates(neighbours).estimate(effect)[0][0].share < 1e-6
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("words", [{}, {"deformation": "rigid"}], ids=["on", "off"])
 def test_deformation_of_a_plate_that_stretches_is_not_that_of_the_linear_plate(words, tmp_path):
     """A clamped circle deflects by w (1 + 0.488 w²/h²) = p a⁴/(64 D): 2.1 mm, linear 3.3 mm.

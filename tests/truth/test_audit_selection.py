@@ -33,6 +33,7 @@ def swinging_bar(modes, **words):
     return model
 
 
+@pytest.mark.seconds
 def test_an_effect_whose_estimate_fails_is_taken_in(monkeypatch, tmp_path):
     """Of a hinged blade that folds up without stiffening there is none: that is not little."""
     known = Estimates.estimate
@@ -51,6 +52,7 @@ def test_an_effect_whose_estimate_fails_is_taken_in(monkeypatch, tmp_path):
     assert [step[4] for step in chosen["steps"] if step[3] == BOTH] == ["not known"]
 
 
+@pytest.mark.seconds
 def test_what_nothing_may_switch_is_estimated_once(monkeypatch, tmp_path):
     """The scene states the number of modes: where another effect is taken in, what more modes would
     do decides nothing."""
@@ -74,6 +76,7 @@ def test_what_nothing_may_switch_is_estimated_once(monkeypatch, tmp_path):
     assert one.share > 1e-5 and one.cost > 1.0
 
 
+@pytest.mark.seconds
 def test_runs_of_an_audit_end_at_no_bound(tmp_path):
     model = swinging_bar(4)
     model.set_validity(deflection=1e-6)
@@ -83,6 +86,7 @@ def test_runs_of_an_audit_end_at_no_bound(tmp_path):
     assert flexmb.load_result(report.result).status == "finished"
 
 
+@pytest.mark.seconds
 def test_more_modes_stand_beside_the_static_responses_that_a_body_has(tmp_path):
     """A bar of two modes takes static responses to its inertia, one of eight modes does not: the
     shapes of the first must be among those of the second. Runs with 2 and 8 modes are 2e-10 apart.

@@ -36,6 +36,7 @@ def rates(t, y):
     return [va, vb, (3.0 * np.sin(20.0 * t) - R1 * F) / J1, (-R2 * F - 0.2 * vb - 5.0 * b) / J2]
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(("plane", "method"), [(None, "auto"), ("xy", "radau")])
 def test_the_scene_of_the_manual(plane, method, tmp_path):
     made = Model.from_scene_dict({**scene(), **({"plane": plane} if plane else {})}, tmp_path)

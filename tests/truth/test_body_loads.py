@@ -209,6 +209,7 @@ def test_a_run_tells_how_near_a_line_load_brings_a_column_to_buckling():
     assert float(told.split(" are ")[1].split()[0]) == pytest.approx(0.9, abs=0.02)
 
 
+@pytest.mark.seconds
 def test_a_value_may_follow_a_sensor():
     """A damper over all nodes of a face is that over their interface."""
     speeds = []

@@ -127,6 +127,7 @@ def test_a_thin_column_beside_a_flywheel(exactly_told):
     assert load_factor(beside_a_large_motion(model)) == pytest.approx(0.5, rel=0.01)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(("share", "what"), [(0.7, ""), (0.85, "note"), (1.1, "refusal")])
 @pytest.mark.parametrize("stiffening", [True, pytest.param(False, marks=pytest.mark.slow)])
 def test_a_run_warns_before_the_column_buckles_and_stops_where_it_does(share, what, stiffening):

@@ -337,6 +337,7 @@ def test_energy_never_grows_in_impacts():
     assert found.statistics["events"] > 10
 
 
+@pytest.mark.seconds
 def test_elastic_bar_that_hits_a_wall():
     """It stays for 2 L/c and leaves as fast as it came (St. Venant; Goldsmith, Impact, 1960).
 

@@ -141,6 +141,7 @@ SCENES = {
 }
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     "name", [*list(SCENES)[:4], pytest.param("slider-crank, driven", marks=pytest.mark.slow)]
 )
@@ -309,6 +310,7 @@ def test_damping_takes_energy_but_no_momentum():
     assert run.energy["damper_work"][-1] == pytest.approx(-run.energy["strain"][-1], rel=0.05)
 
 
+@pytest.mark.seconds
 def test_what_is_lost_is_the_work_of_damping():
     f = bending(CLAMPED)
     run = flexmb.simulate(
@@ -367,6 +369,7 @@ def test_in_a_large_scene_other_bodies_are_at_rest():
     np.testing.assert_allclose(ratios, 0.02, rtol=1e-9)
 
 
+@pytest.mark.seconds
 def test_the_scene_has_the_last_word(tmp_path):
     """A file has damping; the scene may say otherwise, and a matrix is told as it is."""
     file = save(bar(0.02), tmp_path / "bar.flexbody.h5")
@@ -397,6 +400,7 @@ def test_a_resumed_run_has_the_same_damping(tmp_path):
     assert again.damping == whole.damping
 
 
+@pytest.mark.seconds
 def test_critically_damped_modes_save_steps_and_move_a_slider_little():
     """A rod with 18 modes from 35 Hz to 14 kHz in a slider-crank, for one turn."""
     runs = []

@@ -50,6 +50,7 @@ def bending(speed, **words):
 # Errors of the bending that an own program of the same problem gave (DOP853, from rest, one turn):
 # without Coriolis and centrifugal terms 0.13, 0.92, 2.5 %; with them and a constant mass matrix
 # 0.00, 0.01, 0.02 %; without the axial modes 0.43, 0.40, 0.40 %.
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     ("speed", "of_constant"), [(150, 0.0092), pytest.param(300, 0.025, marks=pytest.mark.slow)]
 )
@@ -124,6 +125,7 @@ def test_quasi_static_modes_have_the_deflection_of_statics(method):
     assert result.statistics["energy_balance_error"] < 1e-3
 
 
+@pytest.mark.seconds
 def test_quasi_static_modes_are_the_limit_of_slow_motion():
     """The difference to dynamic modes falls at least with the square of the speed."""
     errors = []
@@ -142,6 +144,7 @@ def test_quasi_static_modes_are_the_limit_of_slow_motion():
     assert errors[0] / errors[1] > 3.5
 
 
+@pytest.mark.seconds
 def test_quasi_static_modes_do_not_restrict_the_step():
     many, few = (
         channels(cantilever(deformation=word), duration=5 * BEAM_PERIOD, accuracy=1e-3,
@@ -182,6 +185,7 @@ def test_a_frame_at_an_interface_has_the_same_frequencies():
 _MEAN, _ROOT = "mean axis", "interface root"
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     ("coupling", "plane", "frame", "stiffening"),
     [

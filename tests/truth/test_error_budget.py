@@ -180,6 +180,7 @@ outputs = 20
     assert 0.7 * (stiffer - 1) < share(made, "interface model") < 1.05 * (stiffer - 1)
 
 
+@pytest.mark.seconds
 def test_the_step_of_a_pendulum(tmp_path: Path) -> None:
     """A uniform bar from the horizontal: sin(θ/2) = k sn(K - ωt, k), k = sin 45°."""
     made = flexmb.Model("Pendulum")

@@ -125,6 +125,7 @@ def test_driving_torques_are_those_of_the_machine():
     assert np.abs(torques[0]).max() < 1e-4  # nothing drives it but its weight
 
 
+@pytest.mark.seconds
 def test_equilibria_and_vibrations_are_those_of_the_machine():
     plain, far = (flexmb.equilibria(pendulum(FAR, at)) for at in (None, [0, 0, 0]))
     assert len(plain) == len(far)

@@ -183,6 +183,7 @@ def test_quasi_static_start_does_not_ring():
 # --- conservation ---
 
 
+@pytest.mark.seconds
 def test_conservative_pendulum_keeps_its_energy():
     """Without numerical damping the energy errs by O(h²) and does not drift."""
     made = Model("flexible pendulum", gravity=[0, -9.81, 0])

@@ -92,6 +92,7 @@ def test_the_load_factor_knows_which_way_the_force_turns(axes, factor, monkeypat
     assert values[0][0][:, 0].max() == pytest.approx(factor, rel=2e-3, abs=1e-3)
 
 
+@pytest.mark.seconds
 def test_a_following_force_beyond_eulers_load_is_no_reason_to_refuse_a_run():
     """It was: "its loads are 6.1 of those that buckle it"; the column swings as Beck's."""
     model = column(15.0, "column.tip")

@@ -116,6 +116,7 @@ def test_what_does_not_matter_is_not_told(modes, ratio, damping, tmp_path):
     assert not notes
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     "options",
     [
@@ -221,6 +222,7 @@ MACHINES = {
 }
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     "machine", [pytest.param(one, marks=[pytest.mark.slow] * (one != "spring")) for one in MACHINES]
 )
@@ -321,6 +323,7 @@ def test_a_damped_body_whose_modes_cannot_move_runs(modes, tmp_path):
     assert ran(model, tmp_path)[0].status == "finished"
 
 
+@pytest.mark.seconds
 def test_rows_may_come_one_by_one(tmp_path):
     """The same as all at once: a run hands them over in chunks."""
     model = shaken(0, 0.97, 0.01)
@@ -386,6 +389,7 @@ def crank_from_dead_centre(modes):
     return made
 
 
+@pytest.mark.seconds
 def test_what_no_sensor_sees_in_the_first_pose_is_told_in_later_ones(tmp_path):
     few, notes = ran(crank_from_dead_centre(0), tmp_path / "few")
     full, _ = ran(crank_from_dead_centre(8), tmp_path / "full")

@@ -329,6 +329,7 @@ def spinning(speed, stiffening):
     return model
 
 
+@pytest.mark.seconds
 def test_a_cantilever_vibrates_as_fast_as_its_speed_makes_it():
     """At a speed of 12, 3.4 times its first frequency; without stiffening it folds up."""
     speed = 12.0

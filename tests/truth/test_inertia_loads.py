@@ -142,6 +142,7 @@ def test_a_beam_that_is_turned_ever_faster_bends():
     assert moved[1] == pytest.approx(wanted * shear, rel=5e-3)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("modes", [10, 60])
 def test_a_spinning_disc_of_a_scene_grows_whatever_its_modes(modes):
     """Of 60 modes one grows, and lacks 9 % of the response: growth was 3.4 % too small."""

@@ -378,7 +378,7 @@ def test_a_torque_does_not_hide_that_a_square_column_buckles(moment, told):
     assert told(model) == pytest.approx([0.5], rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.seconds
 def test_an_audit_tells_what_further_modes_change_in_a_loaded_strip(tmp_path):
     """It is pushed aside as it carries 0.3 of Prandtl's force. Forces that its stiff modes lack
     from row to row are no forces on further modes."""

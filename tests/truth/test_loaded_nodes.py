@@ -109,6 +109,7 @@ def test_a_ball_on_a_node_pulls_at_a_blade_that_spins():
     assert [np.abs(found - rate).min() / rate for rate in flap] == pytest.approx([0, 0], abs=2e-3)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("kind", ["beam", "solid"])
 def test_nodes_come_nearer_as_the_body_bends(kind, tmp_path):
     """By ∫ w'² dx/2 under a force at the tip, which is 3 w²/(5 L) there; nothing is told of nodes.
@@ -164,6 +165,7 @@ def test_a_sensor_at_a_node_of_a_file_tells_what_it_lacks(at, deflection, is_tol
         assert "--load-point 20)" in told[0]
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("axes", [{"relative_to": "hub", "axes": "hub"}, {"seen_from": "hub"}])
 def test_what_a_node_lacks_is_told_in_the_axes_of_the_sensor(axes):
     """Beside the body that was reduced with it: seen from a hub that turns, not from the ground."""
@@ -191,6 +193,7 @@ def test_what_a_node_lacks_is_told_in_the_axes_of_the_sensor(axes):
     assert not [note for note in found[1].notes if "comes nearer" in note]
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     "sensor",
     [{"of": "bar.n20", "relative_to": "bar.n19"}, {"of": "ground", "seen_from": "bar.n20"}],

@@ -54,6 +54,7 @@ def bounces(t):
     return {"ball.z": RADIUS + above}
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     ("make", "duration", "accuracy", "least"),
     [

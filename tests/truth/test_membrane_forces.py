@@ -55,6 +55,7 @@ def disk():
     return plate(DISK, {"rim": "outer"}, nu=0.3)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     ("linear", "error"), [(0.3, 2e-3), (1.0, 2e-3), (2.0, 2e-3), (5.0, 2e-3), (20.0, 8e-3)]
 )
@@ -68,6 +69,7 @@ def test_a_clamped_circle_stretches_as_it_bends(disk, linear, error):
     assert any("lack the stress of its membrane forces" in note for note in result.notes)
 
 
+@pytest.mark.seconds
 def test_a_motion_that_is_in_none_of_the_shapes_is_told(disk, monkeypatch):
     """Four forces bend a circle as cos 2 θ, the fourth mode; three and round ones are shapes."""
     monkeypatch.setattr("flexmb.fe.reduction.membrane_stiffness._LOWEST", 10)
@@ -89,6 +91,7 @@ def test_a_motion_that_is_in_none_of_the_shapes_is_told(disk, monkeypatch):
     assert true > 0.01 and 1 / 3 < told / true < 3
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     ("kind", "error"), [("quad", 0.01), ("triangle", 0.02), ("hexahedron27", 0.035)]
 )
@@ -100,6 +103,7 @@ def test_a_clamped_square_as_levy_says(kind, error):
     assert found / H == pytest.approx(LEVY[load], rel=error)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("stiffening", ["none", "full"])
 @pytest.mark.parametrize(("size", "place"), [(1.0, 0.0), (1.0, 1000.0), (1e-6, 0.0)])
 def test_a_strip_between_walls(size, place, stiffening):
@@ -111,6 +115,7 @@ def test_a_strip_between_walls(size, place, stiffening):
     assert found == pytest.approx(tense_strip(pressure, size, H * size)[0], rel=0.01)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     ("rise", "share", "error"), [(1, -0.5, 6e-3), (1, 0.6, 6e-3), (2, -0.3, 0.01), (2, 0.5, 0.015)]
 )
@@ -151,6 +156,7 @@ def beam_between_walls(pressure, length, duration, modes=4):
     return t, np.array([one(0.5) for one in shapes]) @ made.y[:modes]
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("method", ["auto", "explicit-rk", "generalized-alpha"])
 def test_a_strip_that_is_pushed_at_once_swings_as_a_beam_between_walls(method):
     """Its period is 0.85 of that of small vibrations; all methods keep its energy."""
@@ -195,6 +201,7 @@ def test_a_body_without_their_data_is_refused():
         flexmb.statics(model)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("load", [3.0, pytest.param(30.0, marks=pytest.mark.slow)])
 def test_auto_has_them_where_they_matter(load, tmp_path):
     """Where a run without is refused, and where the audit tells what it lacks."""
@@ -211,6 +218,7 @@ def test_auto_has_them_where_they_matter(load, tmp_path):
     assert row.on and row.verdict == "needed"
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("linear", [1.0, 20.0])
 def test_a_start_in_equilibrium_has_them(disk, linear):
     """And so a run from there stays at rest, and its frequency is that of the stretched plate."""
@@ -234,6 +242,7 @@ def test_a_file_that_was_reduced_in_space_stretches_in_a_plane_too():
     assert found == pytest.approx(tense_strip(20 * E * H**4, 1.0, H)[0], rel=0.01)
 
 
+@pytest.mark.seconds
 def test_each_of_two_plates_begins_in_its_own_equilibrium(disk):
     """Whatever the order in which their bodies are given."""
     strip = plate(STRIP, {"a": "x0", "b": "x1"}, nu=0.0)

@@ -116,6 +116,7 @@ def circle(pressure, nu, rise=0.0):
     return y[2][0] / H
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("linear", [0.3, 0.7, 1.2])
 def test_a_clamped_circle_deflects_less_by_what_is_told(linear):
     mesh = {"type": "disk", "radius": 1.0, "divisions": [16, 48]}

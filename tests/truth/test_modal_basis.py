@@ -143,6 +143,7 @@ def test_the_cures_that_it_names(cure, tmp_path):
     assert ran(model, tmp_path)[1] == []
 
 
+@pytest.mark.seconds
 def test_above_its_bound_a_run_is_refused_unless_asked_for(tmp_path):
     """No mode below 2 kHz stretches: the answer to an axial force is missing as a whole."""
     model = clamped(["step(t, 0, 0, 0.05, 50)", 0, 0])
@@ -194,6 +195,7 @@ def test_a_load_near_an_omitted_mode_is_told(ratio, outputs, tmp_path):
     assert share == pytest.approx(np.sqrt(rest / energy), rel=0.4 if outputs > 100 else 0.7)
 
 
+@pytest.mark.seconds
 def test_a_run_is_refused_by_what_its_sensors_miss(tmp_path):
     """A beam let go: a mode that it lacks is most of its deformation, and little of its way."""
 
@@ -245,6 +247,7 @@ def hitting(modes):
     return made
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("modes", [0, 2])
 def test_what_a_shock_changes_at_joints_and_interfaces(modes, tmp_path):
     """The stop excites modes that are left out: their force at a hinge is that of their inertia."""
@@ -262,6 +265,7 @@ def test_what_a_shock_changes_at_joints_and_interfaces(modes, tmp_path):
     assert error / 3 < said < 3 * error
 
 
+@pytest.mark.seconds
 def test_the_first_moments_of_a_shock_refuse_no_run(tmp_path):
     """A door meets a stop: fast modes answer at first, most of its deformation comes later."""
     made = Model("door")

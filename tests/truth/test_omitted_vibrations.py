@@ -45,6 +45,7 @@ def difference(load, duration):
     return np.sqrt(size[0] / size[1])
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("load", ["10*sin(30*t)", "10*sin(6*t)"])
 def test_a_run_says_what_vibrations_are_missing(load):
     """Forces at 0.57 and 0.11 of the first frequency that come at once, with a slope."""

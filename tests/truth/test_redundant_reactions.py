@@ -180,6 +180,7 @@ def swing_against_the_wall(t):
     return found
 
 
+@pytest.mark.seconds
 @pytest.mark.filterwarnings("ignore:.*redundant")
 @pytest.mark.parametrize(
     ("accuracy", "plane"), [(1e-3, "xy"), (1e-4, "xy"), (1e-5, "xy"), (1e-4, ""), (1e-5, "")]

@@ -37,6 +37,7 @@ def test_each_pulse_of_a_train_gives_its_momentum(force, pulses, outputs):
 RATIO = float(np.sqrt(0.5))
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("turns", [100, 333.3, 1000])
 def test_a_geneva_drive_turns_as_long_as_its_crank(turns):
     """A quarter of a turn of the wheel for each of the crank; on its shaft an elastic disk."""

@@ -96,6 +96,7 @@ def turned(deformation, speed=6.0):
     return made
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     ("scene", "channel", "error", "method"),
     [(clamped, "tip.y", 1.5e-3, "radau")]
@@ -304,6 +305,7 @@ def test_a_stop_that_is_stiffer_than_a_quasi_static_body_is_named():
         flexmb.simulate(beam_on_a_stop("quasi-static", -0.3, 2e6), **knobs)
 
 
+@pytest.mark.seconds
 def test_a_stop_that_one_method_fails_at_names_the_other():
     """All modes but the slowest are quasi-static; the other method does it."""
     made = beam_on_a_stop({"band": [0, 0.1]}, -0.0974)

@@ -102,6 +102,7 @@ def ran(folder, speed, mass, modes, outputs=500):
 MIDDLE = pytest.param(300.0, marks=pytest.mark.slow)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("speed", [MIDDLE, 1500.0])  # rad/s; it whirls with 40 to 160
 def test_a_shaft_whirls_as_in_axes_that_stand_still_and_is_told_no_error(speed, tmp_path):
     error, notes = ran(tmp_path, speed, mass=10.0, modes=4)
@@ -109,6 +110,7 @@ def test_a_shaft_whirls_as_in_axes_that_stand_still_and_is_told_no_error(speed, 
     assert not notes
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("speed", [0.0, MIDDLE, 1500.0])
 def test_what_a_shaft_that_whirls_lacks_is_told_at_any_speed(speed, tmp_path):
     """A heavy shaft without vibrations of its own, which whirls with 33 Hz."""

@@ -54,6 +54,7 @@ def test_more_accuracy_does_not_make_a_pendulum_on_a_driven_rod_worse():
     assert result.statistics["energy_balance_error"] < 2e-4
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     ("method", "place"),
     [("radau", 0.0)]
@@ -89,6 +90,7 @@ def test_an_explicit_method_sees_how_far_the_deformation_is_from_its_stages(accu
     assert reaction / 3 < told["measured_error_of_reactions"]
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("method", ["radau", "generalized-alpha", "explicit-rk"])
 def test_first_rows_have_the_rates_of_a_smooth_start(method):
     """The deformation had none until four steps were there, of which none is far longer than the

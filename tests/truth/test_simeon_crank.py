@@ -7,6 +7,7 @@ Galerkin one, so the reference is the column with the published longitudinal mas
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from truthkit import reference, steps
 
 from flexmb.engine.integrators.generalized_alpha import generalized_alpha
@@ -94,6 +95,7 @@ def test_rod_vibrates_as_in_the_reference():
     np.testing.assert_allclose(np.sort(found), wanted, rtol=1e-6)
 
 
+@pytest.mark.seconds
 def test_motion_at_the_times_of_the_reference():
     """15 radians of the crank, 20 bending periods and 1500 of the fastest stretching mode.
 

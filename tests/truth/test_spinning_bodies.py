@@ -281,6 +281,7 @@ def test_kinematics_follows_them_too(lean, outputs):
     np.testing.assert_allclose(sensors.T, followed_angles(t, pose, "xyz"), rtol=0, atol=1e-7)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("outputs", [4, pytest.param(100, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("method", ["explicit-rk", "radau"])
 def test_twelve_sequences_of_angles_of_a_free_top(method, outputs):

@@ -92,6 +92,7 @@ def test_a_run_that_begins_there_stays(driven):
     np.testing.assert_allclose(np.diff(angle), 0.8, atol=1e-7)
 
 
+@pytest.mark.seconds
 def test_a_shaft_that_turns_freely_has_each_equilibrium_once():
     """All angles of the shaft are alike: m w^2 (e + l sin) cos = m g sin has four roots."""
     speed, e, length = 9.0, 0.05, 0.3
@@ -150,6 +151,7 @@ def test_a_rod_grows_by_its_centrifugal_force():
     assert stretch == pytest.approx(2700.0 * speed**2 * LENGTH**3 / (3 * 70e9), rel=2e-3)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("load", [0.0, 1.0])
 def test_a_wheel_that_turns_freely_beside_a_truss_does_not_change_its_equilibria(load):
     """Springs of length 1.05 over a span of 2: both snapped states, and the one between them."""

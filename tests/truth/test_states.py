@@ -30,6 +30,7 @@ def test_states_end_where_the_test_set_says(name, ends):
     assert found.is_reached(1e-8)  # over the change of each state
 
 
+@pytest.mark.seconds
 def test_auto_leaves_an_explicit_method_that_stability_limits():
     """It was refused: steps of 3e-4 s would be left for 1e5 s, though radau was named as cure."""
     scene = SCENES["E5"]

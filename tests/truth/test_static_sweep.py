@@ -91,6 +91,7 @@ def test_the_limit_load_of_a_truss_is_that_of_its_closed_form():
     assert np.abs(loads - sweep.values).max() < 1e-9
 
 
+@pytest.mark.seconds
 def test_the_limit_point_over_time_is_that_over_the_load():
     over_load = flexmb.sweep_statics(truss, "load", np.linspace(0, 40, 9)).events[0]
     over_time = flexmb.sweep_statics(truss("40*t"), "time", np.linspace(0, 1, 9)).events[0]
@@ -138,6 +139,7 @@ def test_an_equilibrium_that_vanishes_is_told_with_what_moves_on():
     assert sweep.values.tolist() == [0.0, 2.0, 4.0]
 
 
+@pytest.mark.seconds
 def test_the_command_writes_a_table_and_a_plot(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("truss.toml").write_text(SCENE, encoding="utf-8")

@@ -42,6 +42,7 @@ def test_pendulum_hangs_from_any_angle(place, plane):
         assert np.linalg.norm(force) == pytest.approx(2.0 * G, rel=1e-10)
 
 
+@pytest.mark.seconds
 def test_an_equilibrium_is_shown_in_a_line():
     [found, *_] = flexmb.equilibria(pendulum(0.0))
     assert len(repr(found)) < 100
@@ -324,6 +325,7 @@ def test_a_run_from_the_equilibrium_has_the_states_of_its_controllers():
     np.testing.assert_allclose(result["torque"], 9.81 * np.sin(0.4), rtol=1e-9)
 
 
+@pytest.mark.seconds
 def test_a_hub_that_is_free_to_turn_with_its_blade_has_one_family_of_equilibria(project):
     """Its rotation has no stiffness but round-off; it was a fault, or 26 equilibria."""
     (one,) = flexmb.equilibria(project / "cases" / "hub_beam" / "scene.toml")

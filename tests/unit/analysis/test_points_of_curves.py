@@ -75,7 +75,7 @@ def test_corners_of_a_wave_that_is_meant_are_no_points_of_a_smooth_curve(corners
     assert told == []
 
 
-@pytest.mark.slow
+@pytest.mark.seconds
 def test_a_fine_curve_that_is_repeated_often_takes_no_memory_of_all_its_points():
     times = np.linspace(0.0, 1e-3, 2001)
     fast = np.column_stack([times, np.sin(2e3 * np.pi * times).round(12)]).tolist()

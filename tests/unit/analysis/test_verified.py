@@ -68,6 +68,7 @@ def known():
     return one, until
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     "knobs",
     [
@@ -100,6 +101,7 @@ def test_the_error_of_a_chaotic_motion_is_not_told_smaller_than_it_is(known):
     assert outcome.statistics["measured_error_of_positions"] > 0.1
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("accuracy", [1e-3, pytest.param(1e-4, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "knobs",

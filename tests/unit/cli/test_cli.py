@@ -305,6 +305,7 @@ def test_help_and_version() -> None:
     assert done.stdout == call("--version").stdout
 
 
+@pytest.mark.seconds
 def test_doctor_says_what_works() -> None:
     done = call("doctor")
     assert done.exit_code == 0, done.output

@@ -181,6 +181,7 @@ def test_templates_are_plain_toml_with_titles() -> None:
         assert "flexmb run scene.toml" in text
 
 
+@pytest.mark.seconds
 def test_letters_that_a_pipe_cannot_take_do_no_harm() -> None:
     """What Windows gives a pipe is an encoding of 256 letters, and a C locale one of 128."""
     for encoding in ("cp1252", "ascii"):

@@ -79,6 +79,7 @@ def test_hash_of_the_engine_knows_names_and_contents(tmp_path, monkeypatch):
     assert len({first, second, engine_hash()}) == 3
 
 
+@pytest.mark.seconds
 def test_damaged_files_are_compiled_again(cache, solve_file):
     name, whole = solve_file
     file = unit_cache.cache_folders()[0] / name
@@ -109,6 +110,7 @@ def test_a_read_only_cache_is_read_and_new_units_are_kept_for_the_run(
     assert not (folder / unit_cache.unit_file(MOVE)).exists()
 
 
+@pytest.mark.seconds
 def test_a_full_disk_is_told_and_the_run_goes_on(cache, monkeypatch):
     folder = unit_cache.cache_folders()[0]
     shutil.rmtree(folder)

@@ -96,6 +96,7 @@ def test_an_edit_concerns_only_the_units_that_reach_the_file(tmp_path, project):
     assert len(bushing) < len(vectors) < count
 
 
+@pytest.mark.seconds
 def test_an_edited_kernel_is_never_served_from_the_cache(tmp_path, project, cache):
     """The unit's file stays as it is; only a kernel that it calls, in another file, changes."""
     shutil.copytree(
@@ -177,6 +178,7 @@ print(compile_units({list(SMALL)!r}))
     assert all(unit_cache.read_stored(name) is not None for name in SMALL)
 
 
+@pytest.mark.seconds
 def test_an_import_leaves_numba_alone(project):
     """Neither the modules of Numba nor its settings, such as the user's own cache, are touched."""
     code = """

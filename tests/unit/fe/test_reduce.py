@@ -37,6 +37,7 @@ def test_the_connecting_rod(rod):
     assert np.abs(rod.D).max() == 0
 
 
+@pytest.mark.seconds
 def test_its_mode_table(rod):
     rows = mode_table(rod)
     assert len(rows) == 6 + rod.m

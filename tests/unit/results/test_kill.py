@@ -66,6 +66,7 @@ def _kill_many(tmp_path: Path, kills: int) -> None:
         _kill_and_read(tmp_path / f"{kill}.h5", moments.uniform(0.0, 0.1), n_outputs)
 
 
+@pytest.mark.seconds
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL is a POSIX signal")
 def test_readable_after_some_kills(tmp_path: Path) -> None:
     _kill_many(tmp_path, 2)

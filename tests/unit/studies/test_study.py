@@ -174,6 +174,7 @@ def test_units_of_the_scene_change_nothing(study: flexmb.Study, tmp_path: Path) 
         assert found.errors(quantity) == pytest.approx(study.errors(quantity), rel=1e-3)
 
 
+@pytest.mark.seconds
 def test_error_control_keeps_what_is_asked(tmp_path: Path) -> None:
     """Accuracy found is no worse than what is asked by each method, nor far better by order two."""
     asked, methods = [1e-3, 1e-5], ["generalized-alpha", "explicit-rk", "radau"]

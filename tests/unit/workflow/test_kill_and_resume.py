@@ -72,6 +72,7 @@ def _kill_and_resume(tmp_path: Path, kills: int, knobs: Knobs, longest: float) -
     assert_same_bytes(tmp_path / "killed" / "result.h5", tmp_path / "whole" / "result.h5")
 
 
+@pytest.mark.seconds
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL is a POSIX signal")
 def test_the_bytes_are_the_same_after_two_kills(tmp_path: Path) -> None:
     _kill_and_resume(tmp_path, 2, (20, "dynamics.step=turn/1000"), longest=0.05)

@@ -136,6 +136,7 @@ def test_a_run_killed_at_any_moment_goes_on_to_the_same_bytes(
         assert_same(flexmb.resume(folder), whole)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("outputs", [30, pytest.param(60, marks=pytest.mark.slow)])
 def test_a_finished_run_is_extended_as_accurately(
     tmp_path: Path, whole: Result, outputs: int

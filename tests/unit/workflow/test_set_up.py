@@ -125,6 +125,7 @@ def at_rest(system: System, state: State, work: Work, level: int) -> float:
     return 0.0
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("joint", [pytest.param("spherical", marks=pytest.mark.slow), "revolute"])
 def test_a_chain_takes_operations_in_proportion_to_its_bodies(
     joint: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -54,6 +54,7 @@ def run(tmp_path: Path, text: str) -> flexmb.RunReport:
     return flexmb.run_scene(scene, output=tmp_path / "out", pictures=False)
 
 
+@pytest.mark.seconds
 def test_a_stress_is_compared_and_what_it_needs_is_stored(tmp_path: Path) -> None:
     report = run(tmp_path, BAR.replace("NAME", "bar"))
     assert [check.passed for check in report.checks] == [True]

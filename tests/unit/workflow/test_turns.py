@@ -86,6 +86,7 @@ def test_turns_of_another_joint_are_left():
     assert abs(then["turn"][0]) <= np.pi
 
 
+@pytest.mark.seconds
 def test_the_sensor_of_an_equilibrium_has_the_turns_of_its_spring():
     """m g l sin x + k (x - 6) = 0 at 6.257, all but a turn; the spring has k (6 - 6.257)."""
     made = Model("pendulum", gravity=[0, -9.81, 0])
@@ -100,6 +101,7 @@ def test_the_sensor_of_an_equilibrium_has_the_turns_of_its_spring():
     np.testing.assert_allclose(wound, [root, 6.0 - root], rtol=1e-9)
 
 
+@pytest.mark.seconds
 def test_a_pendulum_hangs_on_a_coil_spring_that_is_wound_several_times():
     """m g l sin x + k x = 0 has 13 roots; half of them beyond a turn."""
     made = Model("pendulum", gravity=[0, -9.81, 0])

@@ -33,6 +33,7 @@ def few(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> tuple[CompiledUnit, 
     unit_cache._shared_folders.cache_clear()
 
 
+@pytest.mark.seconds
 def test_all_units_are_compiled_once_with_progress(few: tuple[CompiledUnit, ...]) -> None:
     told: list[tuple[str, float, str]] = []
     done = installation.warmup(
