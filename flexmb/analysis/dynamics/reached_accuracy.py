@@ -148,7 +148,7 @@ def missed_accuracy(prepared: PreparedDynamics) -> Iterator[str]:
                 "that may be several times as large"
             ), ""  # fmt: skip
         yield f"{reached}: {why}; {ask}{other}"
-    elif 0.0 < apart < STAGNATION_RATIO * last:
+    elif 0.0 < apart < STAGNATION_RATIO * last and not is_stagnant(prepared):
         yield (
             f"{reached}: shorter steps still help, but these were the last of {MAX_PASSES} passes; "
             f"take fixed steps, or {ask}{other}"
