@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from flexmb.engine import joints
 from flexmb.engine.compile import Compiled
-from flexmb.engine.joints.curve import Pieces
+from flexmb.engine.joints.curve_marker import Pieces
 from flexmb.model.markers import rotation_matrix
 
 __all__ = ["MEASURES", "Placed", "Rows", "gradient", "moved", "placed_markers", "rows_at"]

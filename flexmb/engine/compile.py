@@ -22,8 +22,8 @@ from flexmb.engine.geometry import body_weights, extents_of_parts, initial_posit
 from flexmb.engine.joints import POINT
 from flexmb.engine.joints.constraint import ConstraintRows, Joints
 from flexmb.engine.joints.constraint_groups import row_table, row_weights
-from flexmb.engine.joints.coordinate import Coordinates, unit_weight
-from flexmb.engine.joints.curve_marker import Contact, CurveMarkers
+from flexmb.engine.joints.coordinate import Contact, Coordinates, unit_weight
+from flexmb.engine.joints.curve_marker import CurveMarkers
 from flexmb.engine.joints.point_joint import PointJoints
 from flexmb.engine.lowering import Element
 from flexmb.engine.method_selection import NONSTIFF_METHOD

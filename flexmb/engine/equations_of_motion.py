@@ -10,8 +10,8 @@ import math
 
 from flexmb.engine.algebra.vector import copy, zero
 from flexmb.engine.jit import call_stage, call_value, kernel, unit
-from flexmb.engine.method import SUCCESS
-from flexmb.engine.state import Point, Run
+from flexmb.engine.method import HIGH_ORDER, SUCCESS
+from flexmb.engine.state import DRIVER_POWER, Point, Run
 
 
 @kernel
@@ -124,16 +124,19 @@ _MIN_STEP_RATIO = 0.3
 
 
 @kernel
-def work_of_step(st, k, power, h):
+def work_of_step(method, st, k, power, h):
     """Work of a step [J]: integral of the cubic through the power at its ends and two steps before.
 
     The cubic gives order 4. If steps before are too short or unknown, the parabola through one
-    point before is used, or the straight line.
+    point before is used, or the straight line. For drivers it is the straight line by methods of
+    order 2: after a change of the step their multipliers alternate from step to step, and it
+    averages them.
     """
     now, before, earlier = st.power[k], st.power_before[0, k], st.power_before[1, k]
     a, b = st.memory[0]["last_step"], st.memory[0]["earlier_step"]
     rise = (power - now) / h
-    if math.isnan(before) or not a > 0.0:
+    alternates = k == DRIVER_POWER and method.order < HIGH_ORDER
+    if alternates or math.isnan(before) or not a > 0.0:
         return 0.5 * h * (now + power)
     slope = (power - before) / (a + h)
     bend = (slope - rise) / -a

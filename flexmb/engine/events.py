@@ -3,12 +3,12 @@
 State events are zeros of event functions, which the kinds evaluate (stage `events`): the depth of a
 contact or stop and its rate; what makes friction in contacts and joints slide or stick; the
 arguments at which a function of the motion is not smooth (corners of a table, equal arguments of
-max). One that may exceed zero and return within a step is detected from its values and rates at
-both ends of the step, by the tangents and by the cubic through them. Under error control, a step
-with a zero well inside is repeated shorter, to end a little before the zero; then a small step ends
-a little beyond it (regula falsi, with a bounded number of tries). No step then has a kink in its
-stages, to which the error estimate is blind. The step after an event is short as well, since forces
-may grow fast from there. Fixed steps are not shortened.
+max); jumps of the curvature of a curve, or of its slope. One that may exceed zero and return within
+a step is detected from its values and rates at both ends, by the tangents and by the cubic through
+them. Under error control, a step with a zero well inside is repeated shorter, to end a little
+before the zero; then a small step ends a little beyond it (regula falsi, with a bounded number of
+tries). No step then has a kink in its stages, to which the error estimate is blind. The step after
+an event is short as well, since forces may grow fast. Fixed steps are not shortened.
 Source: Shampine & Thompson, Event location for ordinary differential equations, Comput. Math. Appl.
 39 (2000) 43.
 

@@ -200,8 +200,10 @@ def order_equations(of: ModelTables) -> EquationOrder:
     groups, coupled = _place_groups(of, symbolic), coupled_coordinate_table(of.lowering.groups)
     _place_coordinates(coupled, groups, of.coordinates, symbolic)
     _place_kinds(of, symbolic)
-    curve_markers = of.lowering.groups.curve_points.table(
-        of.lowering.groups.groups, len(of.bodies), symbolic, of.before
+    curve_points = of.lowering.groups.curve_points
+    event = of.lowering.add_events(curve_points.events)
+    curve_markers = curve_points.table(
+        of.lowering.groups.groups, symbolic, len(of.bodies), of.before, event
     )
     return EquationOrder(symbolic.kkt, groups, coupled, curve_markers)
 

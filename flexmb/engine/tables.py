@@ -213,6 +213,8 @@ CURVE_MARKER = np.dtype(
         ("link_J", _I),
         ("other", _I),  # the second curve marker of the group
         ("link_other", _I),  # LINK of both coordinates, set for the first of the two; else -1
+        ("breaks", _I),  # number of breaks of the curve, after its coefficients in the pool
+        ("event", _I),  # its event function, zero at these breaks
     ],
     align=True,
 )

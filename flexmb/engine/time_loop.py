@@ -83,7 +83,7 @@ def accept_step(run: Run, h: float) -> int:
             ):
                 st.work_done[k] = tr.work[k]
             else:
-                st.work_done[k] += work_of_step(st, k, run.work.powers[k], h)
+                st.work_done[k] += work_of_step(run.method, st, k, run.work.powers[k], h)
             st.power_before[1, k] = st.power_before[0, k]
             st.power_before[0, k] = st.power[k]
             st.power[k] = run.work.powers[k]

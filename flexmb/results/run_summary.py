@@ -37,7 +37,8 @@ _SUM_OF_LOCAL_ERRORS = (
 )
 _WITHOUT_PROJECTION = "baumgarte"  # the integration method that does not project velocities
 _MEASURED, _WORST, _SCALE = "measured_error_of_", "worst_of_", "scale_of_"
-_QUANTITIES = ("positions", "velocities", "reactions")
+MEASURED_QUANTITIES = ("positions", "velocities", "accelerations", "reactions")
+"""Quantities of which a run tells the largest measured error."""
 _ERRORS = {
     "estimated_error": ("estimated error", _SUM_OF_LOCAL_ERRORS),
     "energy_balance_error": ("energy balance error", "over the energy that moved"),
@@ -54,7 +55,7 @@ _RESUMED = "resumed_at_s"
 _PIVOTS = "replaced_pivots"
 _WITH_WORDS = {
     *_OF_STEPS, *_OF_POINTS, *_ITERATIONS, *_ERRORS, _PIVOTS, _RESUMED, _TEN_TIMES, _SPEED,
-    *(prefix + name for prefix in (_MEASURED, _WORST, _SCALE) for name in _QUANTITIES),
+    *(prefix + name for prefix in (_MEASURED, _WORST, _SCALE) for name in MEASURED_QUANTITIES),
     "reactions_not_unique", NOTES, NOT_CONTAINED, MODE_SHAPE,
 }  # fmt: skip
 
@@ -121,7 +122,7 @@ def work_rows(statistics: Mapping[str, Number], units: UnitSystem = SI) -> list[
 
 def _measured_errors(statistics: Mapping[str, Number]) -> Iterator[Row]:
     """Rows on the errors measured by comparison with a second run."""
-    for name in _QUANTITIES:
+    for name in MEASURED_QUANTITIES:
         key = f"{_MEASURED}{name}"
         if key in statistics:
             over = statistics.get(f"{_SCALE}{name}", "the peak-to-peak")

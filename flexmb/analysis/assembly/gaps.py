@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from flexmb.engine.compile import Compiled
 from flexmb.engine.joints import DOT1, ROW_KINDS
-from flexmb.engine.joints.curve import Pieces
+from flexmb.engine.joints.curve_marker import Pieces
 from flexmb.engine.state import State, Work
 from flexmb.engine.tables import BodyColumns
 from flexmb.errors import AssemblyError, Problem

@@ -60,11 +60,13 @@ NO_MOTION = 1e-10
 _POSITIONS_AT_REST, _AT_REST = 1e-12, 1e-9
 _LEAST_SHARE = 1e-3
 _FLOORS = {
+    "accelerations": f"{_LEAST_SHARE:g} of the largest of its unit",
     "reactions": f"{_LEAST_SHARE:g} of the largest of its unit",
     "velocities": f"its mean speed or {_LEAST_SHARE:g} of its largest",
 }
 _OF_POINTS = "the motion of the body's points"
 _NONE, _FORCES = np.zeros(0, np.intp), ("N", "N m")
+_ACCELERATIONS = ("m/s^2", "rad/s^2")
 
 
 @dataclass(frozen=True)
@@ -277,6 +279,9 @@ class RowComparison:
             share = _POSITIONS_AT_REST if unit in ("m", "rad") else _AT_REST
             least = max(share * spans[same].max(), self._least.get(unit, 0.0))
             spans[same[spans[same] <= least]] = 0.0
+            if unit in _ACCELERATIONS:
+                floor = _LEAST_SHARE * self.largest_values()[same].max()
+                spans[same] = np.where(spans[same] > 0.0, np.maximum(spans[same], floor), 0.0)
         size, rates, units = self.largest_values(), self._rates, self._units
         for own, beside, mass, length in self._parts:
             speed, rate = (size[beside & (units == u)].max(initial=0.0) for u in ("m/s", "rad/s"))

@@ -3,8 +3,8 @@
 Two runs with a method of order p use the same plan of steps, one with r times as many. Their errors
 have the ratio rᵖ : 1, so the error of the finer one is their difference over rᵖ − 1 (Richardson;
 Hairer, Nørsett & Wanner, Solving Ordinary Differential Equations I, 1993, §II.4). In: rows of both
-runs, in order. Out: the largest error of positions, velocities and reactions, each over the
-peak-to-peak range of its sensor, with its name.
+runs, in order. Out: the largest error of positions, velocities, accelerations and reactions, each
+over the peak-to-peak range of its sensor, with its name.
 """
 
 from __future__ import annotations
@@ -37,6 +37,7 @@ from flexmb.engine.state import State
 from flexmb.flexbody.arrays import Array
 from flexmb.model.model import Model
 from flexmb.results.output_block import OutputBlock
+from flexmb.results.run_summary import MEASURED_QUANTITIES
 
 _NONE = np.zeros(0, np.intp)
 _LEAST_ERROR = 1e-15  # over the peak-to-peak
@@ -106,8 +107,12 @@ class MeasuredError:
         length = compiled.length
         spun = (np.abs(first.v[body.iv + 3 : body.iv + 6]).max() for body in compiled.layout.bodies)
         turn = max(1.0, _SPIN_SHARE * span * float(max(spun, default=0.0)))
-        least = {"m": length, "rad": turn, "m/s": length / span, "rad/s": turn / span}
-        at_rest = {unit: NO_MOTION * size for unit, size in least.items()}
+        least = {"m": length, "rad": turn}
+        at_rest = {
+            unit + rate: NO_MOTION * size / span**order
+            for unit, size in least.items()
+            for order, rate in enumerate(("", "/s", "/s^2"))
+        }
         radii, flexible = gyration(compiled), [one.name for one in compiled.layout.bodies if one.m]
         modes = {name: modal_reach(compiled.flexbodies[name]) for name in flexible}
         parts = by_part(compared(compiled.layout, model, modes), compiled, model)
@@ -307,10 +312,10 @@ class MeasuredError:
 
 
 def error_statistics(errors: Mapping[str, QuantityError]) -> dict[str, float | str]:
-    """Entries of the summary of a run on the errors of positions, velocities and reactions."""
+    """Entries of the summary of a run on the errors of its quantities."""
     statistics: dict[str, float | str] = {}
     for quantity, worst in errors.items():
-        if quantity in ("positions", "velocities", "reactions"):
+        if quantity in MEASURED_QUANTITIES:
             statistics[f"measured_error_of_{quantity}"] = worst.error
             statistics[f"worst_of_{quantity}"] = f"{worst.name} at t = {worst.time:.4g} s"
             if worst.over:

@@ -144,8 +144,8 @@ def missed_accuracy(prepared: PreparedDynamics) -> Iterator[str]:
         elif count["events"]:
             why, other = (
                 f"shorter steps do not help, as {count['events']} events of contacts, stops, "
-                "friction or functions leave errors that fall slower than the order says, and "
-                "that may be several times as large"
+                "friction, functions or curves leave errors that fall slower than the order says, "
+                "and that may be several times as large"
             ), ""  # fmt: skip
         yield f"{reached}: {why}; {ask}{other}"
     elif 0.0 < apart < STAGNATION_RATIO * last and not is_stagnant(prepared):

@@ -22,13 +22,13 @@ from flexmb.engine.bodies.marker import MarkerTable
 from flexmb.engine.joints import DISTANCE, POINT, ROW_KINDS
 from flexmb.engine.joints.coordinate import (
     CoupledRow,
+    CurvePoints,
     Scalar,
     coupled_rows,
     coupled_scalars,
     screw_rows,
 )
 from flexmb.engine.joints.curve import JointContext, curve_joint
-from flexmb.engine.joints.curve_marker import CurvePoints
 from flexmb.engine.joints.joint import (
     JOINT_ROWS,
     SECOND_TURN,

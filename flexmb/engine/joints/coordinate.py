@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -27,9 +27,10 @@ from flexmb.engine.jit import unit
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import SUCCESS
 from flexmb.engine.state import DAMPER_POWER, KINETIC_ENERGY, LOAD_POWER, SPRING_ENERGY, Point, Run
-from flexmb.engine.tables import COORDINATE
+from flexmb.engine.tables import COORDINATE, CURVE_MARKER
 
 if TYPE_CHECKING:
+    from flexmb.engine.symbolic import Symbolic
     from flexmb.flexbody import FlexBody
     from flexmb.model.model import Model
 
@@ -46,6 +47,93 @@ class Scalar:
     function: int = -1
     angular: bool = True  # in radians, else in metres
     size: float = 0.0  # magnitude of a state, for error scales; 0: s is a motion, no state
+
+
+class Contact(NamedTuple):
+    """A joint that can only push: its row normal to the curve, and the sign of λ in pushing."""
+
+    joint: str
+    row: int
+    compressed: float
+
+
+class CurvePoint(NamedTuple):
+    """One curve marker before its table is made; fields as in `tables.CURVE_MARKER`."""
+
+    joint: str
+    marker: int
+    at: int
+    pieces: int
+    closed: bool
+    turns: bool
+    group: int
+    side: int
+    other: int
+    start: float
+    breaks: int
+
+
+@dataclass
+class CurvePoints:
+    """The curve markers of a model, and the contacts among their joints."""
+
+    points: list[CurvePoint] = field(default_factory=list)
+    contacts: list[Contact] = field(default_factory=list)
+
+    @property
+    def events(self) -> int:
+        """Number of event functions: one for each curve marker, if a curve has breaks."""
+        return len(self.points) if any(point.breaks for point in self.points) else 0
+
+    def scalars(self) -> list[Scalar]:
+        """The scalar coordinates s of the curve markers."""
+        words = ("position", "second_position")
+        return [
+            Scalar(f"joints.{s.joint}.{words[s.other >= 0 and s.other < k]}", angular=False)
+            for k, s in enumerate(self.points)
+        ]
+
+    def number(self, joint: str, on: str) -> int:
+        """Number of the curve marker of a joint whose curve is on the joint's marker I or J."""
+        mine = [k for k, s in enumerate(self.points) if s.joint == joint]
+        return mine[1 if on == "J" else 0]
+
+    def couples(self, groups: list[tuple[int, int, int, int]], first: int) -> list[tuple[int, int]]:
+        """Pairs of blocks whose tangents couple; `first` is the block of the first coordinate."""
+        pairs = []
+        for k, s in enumerate(self.points):
+            pairs += [(body, first + k) for body in groups[s.group][2:] if body >= 0]
+            if s.other > k:
+                pairs.append((first + k, first + s.other))
+        return pairs
+
+    def table(
+        self,
+        groups: list[tuple[int, int, int, int]],
+        symbolic: Symbolic,
+        blocks: int,
+        scalars: int,
+        event: int,
+    ) -> NDArray[np.void]:
+        """CURVE_MARKER rows, and an event function each from number `event` on.
+
+        `blocks` bodies and `scalars` other coordinates come before theirs.
+        """
+        rows = []
+        for k, s in enumerate(self.points):
+            mine = blocks + scalars + k
+            links = [
+                symbolic.couple_links.get((body, mine), -1) if body >= 0 else -1
+                for body in groups[s.group][2:]
+            ]
+            other = symbolic.couple_links.get((mine, blocks + scalars + s.other), -1)
+            link = symbolic.coordinate_links[s.group, mine]
+            rows.append(
+                (s.marker, scalars + k, s.at, s.pieces, s.closed, s.turns, s.group, s.side, link,
+                 *links, s.other, other if s.other > k else -1, s.breaks,
+                 event + k)
+            )  # fmt: skip
+        return np.array(rows, CURVE_MARKER)
 
 
 def unit_weight(scalar: Scalar, length: float) -> float:

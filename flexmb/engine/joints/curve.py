@@ -20,6 +20,7 @@ Sources: Haug, Computer Aided Kinematics and Dynamics, 1989, §3.5; Hong & Liu 2
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,7 +33,8 @@ from numpy.typing import NDArray
 from flexmb.engine.bodies.marker import MarkerTable
 from flexmb.engine.geometry import marker_frame
 from flexmb.engine.joints import DOT1, DOT2, POINT
-from flexmb.engine.joints.curve_marker import Contact, CurvePoint, CurvePoints
+from flexmb.engine.joints.coordinate import Contact, CurvePoint, CurvePoints
+from flexmb.engine.joints.curve_marker import COEFFICIENTS, Pieces
 from flexmb.errors import FlexmbWarning, Problem, SceneError
 from flexmb.model import lookup
 from flexmb.model.joints.curve import CurveShape, curve_shape
@@ -41,6 +43,7 @@ from flexmb.model.markers import PlacedMarker
 from flexmb.model.model import Model
 from flexmb.model.plane import plane_axes
 from flexmb.model.reading import GROUND
+from flexmb.model.scenes.dynamics import ACCURACY
 
 Array = NDArray[np.float64]
 _ROUND_OFF = 1e-13  # error of the pieces over the size of the curve that is round-off
@@ -48,32 +51,8 @@ _ROUND_OFF = 1e-13  # error of the pieces over the size of the curve that is rou
 # acceleration has a kink, where methods of high order need short steps.
 _SMOOTH_JUMP = 1e-7
 _MIN_PIECES, _MAX_PIECES = 64, 1024
-_COEFFICIENTS = 8  # of the polynomial of a piece, degree seven
 _ASIDE = 1e-9  # distance from a break, over the piece, at which its curvature is taken
 _GAUSS, _WEIGHTS = np.polynomial.legendre.leggauss(7)
-
-
-class Pieces(NamedTuple):
-    """Ends of pieces along the curve (n + 1,) [m], coefficients (n, 3, 8), relative error, jump."""
-
-    ends: Array
-    coefficients: Array
-    error: float = 0.0
-    jump: float = 0.0
-
-    @classmethod
-    def of_pool(cls, pool: Array, at: int, n: int) -> Pieces:
-        """The pieces of a curve from the pool of numbers, n pieces from index `at` on."""
-        first, size = at + n + 1, 3 * _COEFFICIENTS * n
-        return cls(pool[at:first], pool[first : first + size].reshape(n, 3, _COEFFICIENTS))
-
-    def at(self, s: Array) -> Array:
-        """(n, 3, 3) position, unit tangent and curvature vector at arc lengths s (n,)."""
-        k = np.clip(np.searchsorted(self.ends, s, side="right") - 1, 0, len(self.coefficients) - 1)
-        t, n = (s - self.ends[k])[:, None], np.arange(_COEFFICIENTS)
-        first, second = n * t ** np.maximum(n - 1, 0), n * (n - 1) * t ** np.maximum(n - 2, 0)
-        powers = np.stack([t**n, first, second], axis=1)
-        return np.einsum("kdn,kan->kda", powers, self.coefficients[k])
 
 
 @lru_cache(maxsize=64)  # the same shape has the same pieces in every joint
@@ -108,17 +87,34 @@ def _divide_curve(shape: CurveShape, per_break: int) -> Pieces:
     pieces = Pieces(ends, _hermite(first, last, lengths, _by_length(shape.at(middle))[:, :2], half))
     places = ends[:-1] + _arc_lengths(shape, u[:-1], quarter)
     off = np.abs(pieces.at(places)[:, 0] - shape.at(quarter)[:, 0]).max()
-    error = float(off / np.linalg.norm(np.ptp(nodes[:, 0], axis=0)))
-    return pieces._replace(error=error, jump=_third_derivative_jump(pieces, per_break))
+    return _with_breaks(
+        pieces._replace(error=float(off / _size(nodes[:, 0]))), per_break, shape.closed
+    )
 
 
-def _third_derivative_jump(pieces: Pieces, per_break: int) -> float:
-    """Largest jump of the third derivative between breaks of the curve, over its largest value."""
-    c, h = pieces.coefficients, np.diff(pieces.ends)[:, None]
-    begin = 6.0 * c[:, :, 3]
-    end = sum(n * (n - 1) * (n - 2) * c[:, :, n] * h ** (n - 3) for n in range(3, _COEFFICIENTS))
-    jump = np.abs(end[:-1] - begin[1:])[np.arange(1, len(c)) % per_break != 0].max(initial=0.0)
-    return float(jump / max(np.abs(begin).max(), pieces.ends[-1] ** -2.0))  # for straight lines
+def _with_breaks(pieces: Pieces, per_break: int, closed: bool) -> Pieces:
+    """Pieces with the largest jump of the third derivative within, and the breaks that bend."""
+    c, h, n = pieces.coefficients, np.diff(pieces.ends)[:, None, None], np.arange(COEFFICIENTS)
+    factors = n * (n - 1) * np.array([0.0 * n + 1.0, n - 2])
+    powers = np.maximum(n - np.array([[2], [3]]), 0)
+    end = np.einsum("kan,dn,kdn->kda", c, factors, h**powers)
+    begin = c[:, :, 2:4].swapaxes(1, 2) * np.array([[2.0], [6.0]])
+    jumps = np.abs(end - np.roll(begin, -1, axis=0)).max(axis=2)[: None if closed else -1]
+    size, at = np.abs(begin).max(axis=(0, 2)), np.arange(per_break, len(jumps) + 1, per_break)
+    within = np.delete(jumps[:, 1], at - 1).max(initial=0.0)
+    edges = pieces.ends[::per_break]
+    apart = np.diff(np.append(edges, edges[-1] + edges[1]) if closed else edges)
+    apart = np.minimum(apart[:-1], apart[1:])
+    kinks = np.where(jumps[at - 1, 1] > 10.0 * within, jumps[at - 1, 1], 0.0) * apart**3 / 6.0
+    bends = jumps[at - 1, 0] > _SMOOTH_JUMP * max(size[0], 1.0 / pieces.ends[-1])
+    change = (bends * jumps[at - 1, 0] * apart**2 / 2.0 + kinks) / _size(c[:, :, 0])
+    relative = float(within / max(size[1], pieces.ends[-1] ** -2.0))  # for straight lines
+    return pieces._replace(jump=relative, breaks=np.stack([pieces.ends[at], change], axis=1))
+
+
+def _size(x: Array) -> float:
+    """Diagonal of the box around points (n, 3) [m]."""
+    return float(np.linalg.norm(np.ptp(x, axis=0)))
 
 
 def _arc_lengths(shape: CurveShape, low: Array, high: Array) -> Array:
@@ -143,7 +139,7 @@ def _hermite(first: Array, last: Array, lengths: Array, middles: Array, half: Ar
 
     They also have value and slope `middles` (n, 2, 3) at arc lengths `half` (n,) from their begin.
     """
-    h, t, n = lengths[:, None], half[:, None], np.arange(3, _COEFFICIENTS)
+    h, t, n = lengths[:, None], half[:, None], np.arange(3, COEFFICIENTS)
     (p, d, a), (q, e, b) = first.swapaxes(0, 1), last.swapaxes(0, 1)
     # conditions at the far end and the middle, less the parabola from the near end
     remainders = [q - p - h * (d + 0.5 * h * a), (e - d - h * a) * h, (b - a) * h * h]
@@ -342,11 +338,15 @@ class JointContext:
         """Add a curve marker carried by frame I or J (0, 1); its rows see it as I or J (`side`)."""
         pool, n = self.markers.pool, len(curve.pieces.coefficients)
         pieces = curve.pieces
-        at = pool.add(np.concatenate([pieces.ends.ravel(), pieces.coefficients.ravel()]))
+        dynamics, most = self.model.dynamics, math.inf  # of a jump that steps may cross
+        if dynamics is not None and dynamics.step is None:
+            most = dynamics.accuracy or ACCURACY
+        breaks = pieces.breaks[pieces.breaks[:, 1] > most, 0]
+        at = pool.add(np.concatenate([pieces.ends, pieces.coefficients.ravel(), breaks]))
         marker = self.markers.add_unshared(self.frames[carrier])
         shape = at, n, curve.closed, curve.turns
         self.curve_points.points.append(
-            CurvePoint(self.name, marker, *shape, self.group, side, other, start)
+            CurvePoint(self.name, marker, *shape, self.group, side, other, start, len(breaks))
         )
         return marker
 

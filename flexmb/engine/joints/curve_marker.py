@@ -21,8 +21,7 @@ s × s: Jᵀ H J + w·D. The first two are pulled back from the markers to the b
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,86 +30,42 @@ from flexmb.engine.algebra.vector import cross, put_part, turned, turned_back, z
 from flexmb.engine.bodies.wrench import add_generalized_force
 from flexmb.engine.jit import kernel, unit
 from flexmb.engine.joints.constraint import put_group_tangent
-from flexmb.engine.joints.coordinate import Scalar
 from flexmb.engine.joints.row import put_row_gradient
 from flexmb.engine.kind import Kind
 from flexmb.engine.method import CURVE_END, SUCCESS
 from flexmb.engine.state import Point, Run
-from flexmb.engine.tables import CURVE_MARKER
 
-if TYPE_CHECKING:
-    from flexmb.engine.symbolic import Symbolic
-
-
-class Contact(NamedTuple):
-    """A joint that can only push: its row normal to the curve, and the sign of λ in pushing."""
-
-    joint: str
-    row: int
-    compressed: float
+Array = NDArray[np.float64]
+COEFFICIENTS = 8
+"""Coefficients of the polynomial of a piece of a curve, of degree seven."""
 
 
-class CurvePoint(NamedTuple):
-    """One curve marker before its table is made; fields as in `tables.CURVE_MARKER`."""
+class Pieces(NamedTuple):
+    """Ends of pieces along the curve (n + 1,) [m], coefficients (n, 3, 8), relative error, jump.
 
-    joint: str
-    marker: int
-    at: int
-    pieces: int
-    closed: bool
-    turns: bool
-    group: int
-    side: int
-    other: int
-    start: float
+    `breaks` (k, 2) are arc lengths [m] at which the curvature or its slope jumps, and how far a
+    jump moves the curve until the next break, over its size.
+    """
 
+    ends: Array
+    coefficients: Array
+    error: float = 0.0
+    jump: float = 0.0
+    breaks: Array = np.zeros((0, 2))
 
-@dataclass
-class CurvePoints:
-    """The curve markers of a model, and the contacts among their joints."""
+    @classmethod
+    def of_pool(cls, pool: Array, at: int, n: int) -> Pieces:
+        """The pieces of a curve from the pool of numbers, n pieces from index `at` on."""
+        first, size = at + n + 1, 3 * COEFFICIENTS * n
+        return cls(pool[at:first], pool[first : first + size].reshape(n, 3, COEFFICIENTS))
 
-    points: list[CurvePoint] = field(default_factory=list)
-    contacts: list[Contact] = field(default_factory=list)
-
-    def scalars(self) -> list[Scalar]:
-        """The scalar coordinates s of the curve markers."""
-        words = ("position", "second_position")
-        return [
-            Scalar(f"joints.{s.joint}.{words[s.other >= 0 and s.other < k]}", angular=False)
-            for k, s in enumerate(self.points)
-        ]
-
-    def number(self, joint: str, on: str) -> int:
-        """Number of the curve marker of a joint whose curve is on the joint's marker I or J."""
-        mine = [k for k, s in enumerate(self.points) if s.joint == joint]
-        return mine[1 if on == "J" else 0]
-
-    def couples(self, groups: list[tuple[int, int, int, int]], first: int) -> list[tuple[int, int]]:
-        """Pairs of blocks whose tangents couple; `first` is the block of the first coordinate."""
-        pairs = []
-        for k, s in enumerate(self.points):
-            pairs += [(body, first + k) for body in groups[s.group][2:] if body >= 0]
-            if s.other > k:
-                pairs.append((first + k, first + s.other))
-        return pairs
-
-    def table(self, groups: list[tuple[int, int, int, int]], blocks: int, symbolic: Symbolic,
-              scalars: int) -> NDArray[np.void]:  # fmt: skip
-        """CURVE_MARKER rows; `blocks` bodies and `scalars` other coordinates come before theirs."""
-        rows = []
-        for k, s in enumerate(self.points):
-            mine = blocks + scalars + k
-            links = [
-                symbolic.couple_links.get((body, mine), -1) if body >= 0 else -1
-                for body in groups[s.group][2:]
-            ]
-            other = symbolic.couple_links.get((mine, blocks + scalars + s.other), -1)
-            link = symbolic.coordinate_links[s.group, mine]
-            rows.append(
-                (s.marker, scalars + k, s.at, s.pieces, s.closed, s.turns, s.group, s.side, link,
-                 *links, s.other, other if s.other > k else -1)
-            )  # fmt: skip
-        return np.array(rows, CURVE_MARKER)
+    def at(self, s: Array) -> Array:
+        """(n, 3, 3) position, unit tangent and curvature vector at arc lengths s (n,)."""
+        k = np.clip(np.searchsorted(self.ends, s, side="right") - 1, 0, len(self.coefficients) - 1)
+        t, n = (s - self.ends[k])[:, None], np.arange(COEFFICIENTS)
+        first, second = n * t ** np.maximum(n - 1, 0), n * (n - 1) * t ** np.maximum(n - 2, 0)
+        powers = np.stack([t**n, first, second], axis=1)
+        return np.einsum("kdn,kan->kda", powers, self.coefficients[k])
 
 
 class CurveMarkers(NamedTuple):
@@ -410,6 +365,47 @@ def check_ends(run: Run, of: CurveMarkers, at: Point) -> int:
     return SUCCESS
 
 
+@unit
+def put_events(run: Run, of: CurveMarkers, at: Point) -> int:
+    """Event functions of all curve markers: zero at the breaks of their curves."""
+    parts, out = run.system.parts, run.work.events.now
+    for k in range(parts.curve_markers.shape[0]):
+        curve = parts.curve_markers[k]
+        if curve["breaks"] > 0:
+            coordinate, event = parts.coordinates[curve["coordinate"]], out[curve["event"]]
+            value, slope = _bump_between_breaks(parts.pool, curve, at.q[coordinate["iq"]])
+            event["value"], event["rate"] = value, slope * at.v[coordinate["iv"]]
+            event["of_law"] = 1.0
+    return SUCCESS
+
+
+@kernel
+def _bump_between_breaks(pool, curve, s):
+    """Value and slope of a smooth function of s that is zero at the breaks and changes sign there.
+
+    It is a parabola between two breaks, and a straight line before the first and beyond the last.
+    """
+    m, length = curve["breaks"], pool[curve["at"] + curve["n"]]
+    first, turns = curve["at"] + (1 + 24) * curve["n"] + 1, 0.0
+    if curve["closed"] == 1:
+        turns = np.floor(s / length)
+        s -= length * turns
+    k = 0
+    while k < m and pool[first + k] <= s:
+        k += 1
+    low, high = pool[first + max(k - 1, 0)], pool[first + min(k, m - 1)]
+    sign = 1.0 if (k + m * turns) % 2.0 == 0.0 else -1.0
+    if curve["closed"] == 0 and (k == 0 or k == m):
+        side = -1.0 if k == 0 else 1.0
+        return sign * side * (s - low), sign * side
+    if k == 0:
+        low = pool[first + m - 1] - length
+    if k == m:
+        high = pool[first] + length
+    width = high - low
+    return sign * (s - low) * (high - s) / width, sign * (low + high - 2.0 * s) / width
+
+
 CURVE_MARKERS = Kind(
     "curve_markers",
     CurveMarkers,
@@ -421,5 +417,6 @@ CURVE_MARKERS = Kind(
         "matrix": add_tangents,
         "jacobian": put_jacobian_entries,
         "limits": check_ends,
+        "events": put_events,
     },
 )

@@ -272,3 +272,57 @@ def test_only_implicit_steps_are_said_to_damp_vibrations(method, damps):
     (sentence,) = missed_accuracy(prepared)
     assert ("damp a vibration" in sentence) is damps
     assert ('method = "explicit-rk"' in sentence) is damps
+
+
+def ringing_mass():
+    """A mass of 1 kg that swings by 0.5 m at 2/s, and on it 10 g that ring by 0.1 mm at 400/s."""
+    made, stiffness = Model("ring", plane="xy"), 0.01 * 400.0**2
+    made.add_body("slow", mass=1.0, inertia=[1, 1, 1], velocity=[1, 0, 0])
+    made.add_body("fast", mass=0.01, inertia=[1, 1, 1], velocity=[1.04, 0, 0])
+    made.add_joint("guide", "prismatic", between=["ground", "slow"], axis="x")
+    made.add_joint("rail", "prismatic", between=["slow", "fast"], axis="x")
+    for joint, k in (("guide", 4.0), ("rail", stiffness)):
+        made.add_force(joint, "translational-spring-damper", joint=joint, stiffness=k)
+    made.add_sensor("acceleration", "acceleration", of="fast")
+    made.add_sensor("place", "position", of="fast")
+    root = np.diag([1.0, 10.0])  # of the inverse of the masses
+    squares, shapes = np.linalg.eigh(
+        root @ np.array([[4.0 + stiffness, -stiffness], [-stiffness, stiffness]]) @ root
+    )
+    speeds, omega = shapes.T @ np.linalg.inv(root) @ [1.0, 1.04], np.sqrt(squares)
+
+    def acceleration(t):
+        return -(root @ shapes)[1] @ ((omega * speeds)[:, None] * np.sin(np.outer(omega, t)))
+
+    return made, acceleration
+
+
+@pytest.mark.parametrize(
+    ("method", "accuracy"),
+    [("generalized-alpha", 1e-3), ("generalized-alpha", 1e-4), ("radau", 1e-3)],
+)
+def test_the_error_of_an_accelerometer_is_told(method, accuracy):
+    """A vibration that hardly moves may be all of it: 0.05 at 1e-3, beside the two modes."""
+    made, truth = ringing_mass()
+    outcome, t, sensors, _ = simulated(
+        made, duration=1.5, outputs=333, accuracy=accuracy, method=method
+    )
+    error = np.abs(sensors[:, 0] - truth(t)).max() / np.ptp(truth(t))
+    told = outcome.statistics["measured_error_of_accelerations"]
+    assert error / 3 < told < 3 * error
+    assert "acceleration at" in str(outcome.statistics["worst_of_accelerations"])
+
+
+def test_accelerations_of_round_off_have_no_error():
+    """Of a mass at rest on a stiff spring beside another that rings; over its own range it is 1."""
+    made = Model("hanging", gravity=[0, 0, -9.81])
+    for body, stiffness, speed in (("still", 1e9, 0.0), ("rings", 1e4, 1.0)):
+        place = [0.3, 0.4, 0.7]
+        made.add_body(body, mass=1.0, inertia=[1, 1, 1], position=place, velocity=[0, 0, speed])
+        made.add_marker(f"ground.{body}", position=place)
+        made.add_joint(body, "prismatic", between=[f"ground.{body}", body], axis="z")
+        made.add_force(body, "translational-spring-damper", joint=body, stiffness=stiffness,
+                       free=9.81 / stiffness)  # fmt: skip
+        made.add_sensor(body, "acceleration", of=body)
+    outcome, *_ = simulated(made, duration=0.1, outputs=50, accuracy=1e-5, method="radau")
+    assert outcome.statistics["measured_error_of_accelerations"] < 1e-5

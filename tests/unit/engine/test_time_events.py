@@ -203,7 +203,7 @@ def test_the_work_of_a_step_is_that_of_a_polynomial_of_the_power(degree):
         memory=[{"last_step": now - before, "earlier_step": before - earlier}],
     )  # fmt: skip
     whole = power.integ()
-    found = work_of_step(state, 0, power(end), end - now)
+    found = work_of_step(SimpleNamespace(order=5), state, 0, power(end), end - now)
     assert found == pytest.approx(whole(end) - whole(now), rel=1e-12)
 
 
