@@ -116,8 +116,8 @@ def assemble(
         weight, loads and the inertia forces of the first motion; or the whole machine starts from
         its equilibrium at rest, with the initial velocities added.
     begin : StartValues, optional
-        Positions and velocities to begin from, changed as little as joints and drivers require;
-        `start` is then ignored.
+        Positions and velocities to begin from, changed as little as joints and drivers require, and
+        by a quasi-static start.
 
     Raises
     ------
@@ -169,7 +169,7 @@ def assemble(
     solve_stage(system, state, work, REMEMBER)
     elastic = start == "quasi-static"
     modes = _modal_coordinates(compiled) if elastic else static_coordinates(compiled.system)
-    if len(modes) and begin is None:
+    if len(modes) and (begin is None or elastic):
         try:
             _equilibrate(compiled, modes, _MASS_FACTOR * period, state, work, close)
         except _NoEquilibrium as error:
