@@ -182,8 +182,9 @@ def errors_at_nodes(
 ) -> Array:
     """How much too high natural frequencies (k,) are, as nodes of a body give way too little.
 
-    Joints pull at nodes besides the interfaces, where the modes lack a part of the compliance. In a
-    mode with the loads c there, cᵀ R c over twice its energy is the part that this adds to 1/ω².
+    Joints and forces pull at nodes besides the interfaces, where the modes lack a part of the
+    compliance. In a mode with the loads c there, cᵀ R c over twice its energy is the part that this
+    adds to 1/ω².
 
     Parameters
     ----------
@@ -199,13 +200,13 @@ def errors_at_nodes(
     compiled, at, X, s = made.compiled, made.tangents, made.shapes, made.eigenvalues
     lam = np.linalg.lstsq(at.Cq.T, at.M @ X * s**2 + at.D @ X * s + at.K @ X, rcond=None)[0]
     equations, rows = StateEquations(compiled, made.state), compiled.system.rows
-    equations.residual()
+    pulls = equations.wrench_changes(X, s)
     A = body_axes(compiled, made.state.q)[compiled.layout.bodies.index(columns)]
     c, own = np.zeros((len(missing), len(s)), complex), slice(columns.iv, columns.iv + 6)
     for marker, place in zip(markers, places, strict=True):
         mine = np.flatnonzero((rows["I"] == marker) | (rows["J"] == marker))
         J = equations.marker_motion(marker)[:, own]
-        W = np.linalg.solve(J.T, at.Cq[mine][:, own].T @ lam[mine])
+        W = np.linalg.solve(J.T, at.Cq[mine][:, own].T @ lam[mine]) + pulls[marker]
         force, moment = A.T @ W[:3], A.T @ W[3:]
         arm = skew(compiled.system.parts.markers["arm"][marker])
         c[place : place + 6] += np.vstack([force, moment + arm @ force])
