@@ -296,10 +296,3 @@ def test_linearised_modes_tell_that_a_node_on_springs_gives_way_too_little(k, mo
     for note in told:
         assert "forces.pad" in note
         assert float(note.split("by about ")[1].split(" %")[0]) == pytest.approx(error, rel=0.15)
-
-
-def test_a_column_of_one_mode_with_a_force_at_a_node_runs():
-    """It ended with a traceback, "index 1 is out of bounds"."""
-    first = 1.8751041**2 * np.sqrt(E * H**2 / 12 / RHO) / L**2 / (2 * np.pi)
-    made = flexmb.linearize(column(0.0, modes=1))
-    assert made.frequencies == pytest.approx([first], rel=2e-3)

@@ -291,3 +291,15 @@ def test_a_fast_blade_tells_which_modes_it_lacks(share, modes):
     assert bool(told) == (error > 2.0)
     for note in told:
         assert float(note.split("by ")[-1].split(" %")[0]) == pytest.approx(error, rel=0.2)
+
+
+def test_a_blade_of_one_mode_runs():
+    """In a frame at its root it ended with a traceback, "index 1 is out of bounds"."""
+    body = reduce(
+        line(16), modes=1, material={"E": E, "nu": 0.3, "density": DENSITY},
+        sections={"all": rectangle(*SQUARE, shear=False)}, interfaces={"root": "root"},
+        load_points=[16], geometric_stiffening="full",
+    )  # fmt: skip
+    words = {"geometric_stiffening": "full", "frame": "interface root"}
+    made = flexmb.linearize(rotor(SQUARE, 0.2, body=body, **words))
+    assert np.abs(made.frequencies / ritz(SQUARE, 0.2)[[0, 3]].max() - 1).min() < 0.01
