@@ -98,6 +98,7 @@ class StartValues(NamedTuple):
     q: Array  # (nq,)
     v: Array  # (nv,); NaN: the velocities of the scene are used
     time: float = 0.0  # s
+    vibrates: bool = True  # else flexible bodies are in elastic equilibrium with the motion
 
 
 def assemble(
@@ -116,8 +117,8 @@ def assemble(
         weight, loads and the inertia forces of the first motion; or the whole machine starts from
         its equilibrium at rest, with the initial velocities added.
     begin : StartValues, optional
-        Positions and velocities to begin from, changed as little as joints and drivers require, and
-        by a quasi-static start.
+        Positions and velocities to begin from, changed as little as joints and drivers require;
+        `start` is then ignored.
 
     Raises
     ------
@@ -167,7 +168,7 @@ def assemble(
     close(begin is None)
     notes = [*placement, *velocities.notes(state)] if begin is None else []
     solve_stage(system, state, work, REMEMBER)
-    elastic = start == "quasi-static"
+    elastic = start == "quasi-static" if begin is None else not begin.vibrates
     modes = _modal_coordinates(compiled) if elastic else static_coordinates(compiled.system)
     if len(modes) and (begin is None or elastic):
         try:

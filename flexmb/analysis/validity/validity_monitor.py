@@ -283,7 +283,7 @@ def _without_vibrations(
     """
     for columns, _ in flexible_columns(compiled):
         begin.v[columns.iv + 6 : columns.iv + 6 + columns.m] = 0.0
-    state = assemble(compiled, model, start="quasi-static", begin=begin).state
+    state = assemble(compiled, model, begin=begin._replace(vibrates=False)).state
     tangents = StateEquations(compiled, state).tangents()
     seen = MinimalEquations(RowsAlongMotion(compiled, state), tangents, observer)
     return Linearization(compiled, model, state, tangents, seen, 0.0, ())
