@@ -4,12 +4,11 @@ A file is HDF5 with the attributes format, version, name and mass at its root, a
 ``TABLE``. Lengths are symbols: m modal coordinates, c candidate modes, i interfaces, n surface
 points, t triangles, l lines, k nodes, e places with stress, g parts and y layers of these, b beams,
 h places of shells, j parts of these, d loads, r nodes with w loads, o omitted modes under v loads,
-F fields left out with forms of L loads, u groups of nodes with x entries, f nodes with a bend, s
-entries of provenance. All in SI, body frame; a group may be empty only where the table says so.
+F fields left out, L loads and R motions of these, u groups of nodes with x entries, f nodes with a
+bend, s entries of provenance. All in SI, body frame; a group may be empty only where it says so.
 
-In: a body and a path, or a path. Out: a file, or the body with exactly the same numbers. Reading is
-strict: a file of another program or version, or one that is incomplete or has numbers that are not
-finite, is refused with one sentence.
+In: a body and a path, or a path. Out: a file, or the body with exactly the same numbers. A file of
+another program or version, or that is incomplete or not finite, is refused with one sentence.
 """
 
 from __future__ import annotations
@@ -131,6 +130,7 @@ TABLE = (
     Dataset("omitted_stiffening/turns", "f8", ("L", "F", 3), "of fields left out", True),
     Dataset("omitted_stiffening/modes", "f8", ("L", "F", "m"), "and modes, per load", True),
     Dataset("omitted_stiffening/own", "f8", ("L", "F", "F"), "and each other", True),
+    Dataset("omitted_stiffening/mass", "f8", (3, 3, "F", "R"), "and of all motions [kg m^2]", True),
     Dataset("load_vectors/name", "text", ("d",), "names of the loads", True),
     Dataset("load_vectors/force", "f8", ("d", 3), "resultant [N]", True),
     Dataset("load_vectors/moment", "f8", ("d", 3), "about the body frame's origin [N m]", True),

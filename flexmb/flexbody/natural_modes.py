@@ -134,8 +134,9 @@ def mean_motion(body: FlexBody) -> FloatArray:
     return np.vstack([body.p / body.mass + skew(body.center) @ turn, turn])
 
 
-def mass_by_axes(body: FlexBody) -> FloatArray:
-    """(3, 3, 6 + m, 6 + m) ∫ρ u_a u_b of translation, rotation and modes u, body axes."""
+def mass_by_axes(body: FlexBody, *, with_fields: bool = False) -> FloatArray:
+    """(3, 3, n, n) ∫ρ u_a u_b of translation, rotation about the origin and modes u, body axes; and
+    of the fields that these leave out under geometric stiffness."""
     m, turn = body.m, -np.array([skew(axis) for axis in np.eye(3)])  # (θ × s)_a = θ·turn_a s
     M = np.zeros((3, 3, 6 + m, 6 + m))
     for a in range(3):
@@ -146,7 +147,13 @@ def mass_by_axes(body: FlexBody) -> FloatArray:
             one[3:6, 3:6], one[6:, 6:] = turn[a] @ body.S0 @ turn[b].T, body.Mab[a, b]
             one[3:6, 6:] = turn[a] @ body.P[:, b]
             one[6:, 3:6] = (turn[b] @ body.P[:, a]).T
-    return M
+    if not with_fields or body.omitted_stiffening is None:
+        return M
+    fields, n = body.omitted_stiffening.mass.copy(), 6 + m
+    fields[..., 3:6] -= fields[..., :3] @ skew(body.center)
+    fields[..., 6:n] += fields[..., :6] @ mean_motion(body)
+    above = np.concatenate([M, fields[..., :n].transpose(1, 0, 3, 2)], axis=3)
+    return np.concatenate([above, fields], axis=2)
 
 
 def matrices_at_rest(body: FlexBody) -> tuple[FloatArray, FloatArray]:

@@ -139,9 +139,7 @@ def planar_body(body: FlexBody, normal: ArrayLike) -> FlexBody:
             shapes[:, share < _MAX_ANTISYMMETRIC],
             shapes[:, share >= _MAX_ANTISYMMETRIC],
         )
-        planar = _combine_modes(
-            body, _with_plane_interfaces(body, inside, dropped, n), dropped, plane_name(n)
-        )
+        planar = _combine_modes(body, _with_plane_interfaces(body, inside, dropped, n), dropped, n)
     odd, whole = _energies(planar, n)
     shares = np.diag(odd) / np.diag(whole)
     check_shares(planar.name, shares, planar.frequencies, n)
@@ -291,8 +289,11 @@ def _with_plane_interfaces(
     return np.asarray(inside + dropped @ amount)
 
 
-def _combine_modes(body: FlexBody, inside: FloatArray, dropped: FloatArray, plane: str) -> FlexBody:
+def _combine_modes(
+    body: FlexBody, inside: FloatArray, dropped: FloatArray, n: FloatArray
+) -> FlexBody:
     """The body in the modes that `inside` (m, k) spans; `dropped` are listed as out of plane."""
+    plane = plane_name(n)
     if not inside.shape[1]:
         what = f"has no modes in the plane {plane}"
         raise ReductionError.from_problems([Problem(f"body {body.name}", what)])
@@ -309,8 +310,9 @@ def _combine_modes(body: FlexBody, inside: FloatArray, dropped: FloatArray, plan
         for frequency in _hertz(_modes(body, dropped)[0])
     ]
     listed = (*(mode for mode in body.modes if mode.kind == "rigid"), *outside, *infos)
-    # fields that modes leave out are in the plane only if the reduction was of it
-    return replace(combine_modes(body, Z), modes=listed, omitted_stiffening=None)
+    made = replace(combine_modes(body, Z), modes=listed)
+    omitted = made.omitted_stiffening
+    return replace(made, omitted_stiffening=None if omitted is None else omitted.in_plane(n))
 
 
 def combine_modes(body: FlexBody, Z: FloatArray) -> FlexBody:

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import eigh
 
 from flexmb.errors import Problem, ReductionError
 from flexmb.flexbody.arrays import Checker, FloatArray, IntArray
@@ -30,6 +31,9 @@ LEAST_MOTION = 1e-7
 """Displacement over the body's length below which a missing response is ignored."""
 # responses with less than this fraction of the largest energy about another axis are left out
 _MIN_ENERGY_SHARE = 1e-3
+# Kinetic energy of a field out of a plane, over all of it, below which it is in the plane; and of
+# a field over the largest that is round-off.
+_IN_PLANE, _ROUND_OFF = 0.01, 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,14 +204,20 @@ class OmittedStiffening:
         With the modes.
     own : (k, r, r) float
         With each other.
+    mass : (3, 3, r, 6 + m + r) float
+        ∫ρ u_a v_b of the fields u with translations and rotations about the centre of mass, with
+        the modes and with each other.
     """
 
     turns: FloatArray
     modes: FloatArray
     own: FloatArray
+    mass: FloatArray
 
     def __post_init__(self) -> None:
         check, r = Checker("omitted stiffening"), np.shape(self.own)[-1]
+        mass = check.floats("mass", self.mass, (3, 3, r, None))
+        object.__setattr__(self, "mass", mass)
         for name, columns in (("turns", 3), ("modes", None), ("own", r)):
             form = check.floats(name, getattr(self, name), (len(self.own), r, columns))
             object.__setattr__(self, name, form)
@@ -215,7 +225,24 @@ class OmittedStiffening:
 
     def in_coordinates(self, Z: FloatArray) -> OmittedStiffening:
         """The same for modal coordinates Z (m, k)."""
-        return replace(self, modes=self.modes @ Z)
+        rigid, modes, own = np.split(self.mass, [6, 6 + len(Z)], axis=3)
+        mass = np.concatenate([rigid, modes @ Z, own], axis=3)
+        return replace(self, modes=self.modes @ Z, mass=mass)
+
+    def in_plane(self, normal: FloatArray) -> OmittedStiffening | None:
+        """With those fields alone that move in a plane with this normal; None: there are none."""
+        others, own = np.split(self.mass, [-len(self.mass[0, 0])], axis=3)
+        across = np.einsum("a,b,abij->ij", normal, normal, own)
+        sizes = np.sqrt(np.einsum("aaii->i", own))
+        both = np.outer(sizes, sizes)
+        whole = np.einsum("aaij->ij", own) / both + _ROUND_OFF * np.eye(len(sizes))
+        shares, X = eigh(across / both, whole)
+        inside = shares < _IN_PLANE
+        if not inside.any():
+            return None
+        Q, _ = np.linalg.qr(X[:, inside] / sizes[:, None])
+        parts = (Q.T @ self.turns, Q.T @ self.modes, Q.T @ self.own @ Q)
+        return OmittedStiffening(*parts, Q.T @ np.concatenate([others, own @ Q], axis=3))
 
 
 def load_nodes(modes: NodeModes | None, points: Sequence[int | Sequence[float]]) -> list[int]:

@@ -98,6 +98,7 @@ class StartValues(NamedTuple):
     q: Array  # (nq,)
     v: Array  # (nv,); NaN: the velocities of the scene are used
     time: float = 0.0  # s
+    vibrates: bool = True  # else flexible bodies are in elastic equilibrium with the motion
 
 
 def assemble(
@@ -167,9 +168,9 @@ def assemble(
     close(begin is None)
     notes = [*placement, *velocities.notes(state)] if begin is None else []
     solve_stage(system, state, work, REMEMBER)
-    elastic = start == "quasi-static"
+    elastic = start == "quasi-static" if begin is None else not begin.vibrates
     modes = _modal_coordinates(compiled) if elastic else static_coordinates(compiled.system)
-    if len(modes) and begin is None:
+    if len(modes) and (begin is None or elastic):
         try:
             _equilibrate(compiled, modes, _MASS_FACTOR * period, state, work, close)
         except _NoEquilibrium as error:

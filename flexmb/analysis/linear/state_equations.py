@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -35,6 +36,9 @@ from flexmb.engine.tables import Kkt
 from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.flexbody.natural_modes import mean_motion
 
+Complex = NDArray[np.complex128]
+
+_STEP = 1e-5  # of motions of unit size, for differences of wrenches
 # Factors cv and cp that make one term of S = M + cv D + cp K dominate all others, or negligible.
 # They are powers of two, so that nothing is rounded. Not zero, as feedback adds its terms only for
 # cv > 0.
@@ -147,6 +151,21 @@ class StateEquations:
             call(marker_jacobian, parts, self.work.now, k, out)
             J[:, at : at + 6 + m] = out[:, : 6 + m]
         return J
+
+    def wrench_changes(self, X: Complex, rates: Complex) -> Complex:
+        """(markers, 6, k) changes of the wrenches at markers, global axes, by vibrations X (nv, k)
+        of unit size with λ (k,), the multipliers constant."""
+        state, q, v = self.state, self.state.q.copy(), self.state.v.copy()
+        changes = np.zeros((*self.work.now.marker["W"].shape, len(rates)), complex)
+        for k, unit in product(range(len(rates)), (1.0, 1j)):
+            x, xd = ((one / unit).real for one in (X[:, k], X[:, k] * rates[k]))
+            for h in (_STEP, -_STEP) if x.any() or xd.any() else ():
+                state.q[:], state.v[:] = self.moved(q, h * x), v + h * xd
+                self._evaluate()
+                changes[..., k] += unit * self.work.now.marker["W"] / (2.0 * h)
+        state.q[:], state.v[:] = q, v
+        self._evaluate()
+        return changes
 
     def moved(self, q: Array, d: Array) -> Array:
         """q ∘ exp(d) for a motion d (nv,)."""

@@ -4,7 +4,8 @@ The load factor μ is the largest number for which K + K_g/μ is singular, with 
 stiffness of the forces and moments at markers and of the inertia loads, for those motions of the
 whole mechanism that deform it. Fields that the modes leave out deform it too, as far as its bodies
 tell (:class:`flexmb.flexbody.OmittedStiffening`). Without them natural frequencies under the loads
-are too high: those that are left out follow the modes statically.
+are too high: those that are left out follow the modes statically, with their mass (Guyan, AIAA J.
+3 (1965) 380).
 
 Moments are conjugate to rotation vectors (semitangential), and forces have constant directions. To
 these the rows of joints add their own curvature: axes, lines and planes turn with bodies. A force
@@ -25,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import ConstraintRows, numerical_rank, row_tangent
+from flexmb.analysis.validity.frequency_error import frequency_changes
 from flexmb.engine.algebra.forms import bend_of
 from flexmb.engine.compile import Compiled
 from flexmb.engine.joints import DOT1, ROW_KINDS
@@ -44,9 +46,6 @@ _REAL = 0.2
 # Load factor without fields that are left out over that with them, below which those are not
 # counted beside loads that turn: where nothing buckles, eigenvalues are of any small size.
 _SAME_FACTOR = 0.5
-# Stiffness by turning loads that is not symmetric, over all of them, from which on vibrations
-# without it have no meaning.
-_TURNING_SHARE = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,8 +93,12 @@ class LoadedMechanism:
         self._size = first
         self._owners = np.array([one.body for one in self._omitted], np.int64)
         self._starts = [one.rows.start - nv for one in self._omitted]
-        flexible = [(part, body) for _, part, body, _ in self._bodies if body is not None]
-        self._masses = [(part, mass_by_axes(body)) for part, body in flexible if first > nv]
+        fields = {one.body: one.rows for one in self._omitted}
+        self._masses = [
+            (part, fields.get(number, slice(0)), mass_by_axes(body, with_fields=number in fields))
+            for number, (_, part, body, _) in enumerate(self._bodies if fields else ())
+            if body is not None
+        ]
 
     def load_factors(self, loads: Loads) -> tuple[Array, Array, Array]:
         """Load factors, and what fields that are left out do to natural frequencies under loads.
@@ -131,22 +134,27 @@ class LoadedMechanism:
                 loss, motions = self._loss(Kg[rows[some]], V)
                 self._buckle(loss, motions, rows[some], values)
                 if self._omitted:
-                    k = V.shape[2]
-                    loss[:, :k, :k] += self._softening(loads, rows[some], V)
+                    mass, softening = self._inertia(loads, rows[some], motions)
                     of = np.sqrt(omega2[some, count:])
-                    omega[rows[some]], lost, moved = _frequency_changes(loss, of)
+                    change = frequency_changes(loss + softening, mass, of)
+                    omega[rows[some]], lost, moved = change
                     sizes = np.add.reduceat(moved**2, self._starts, axis=1)
                     shares[rows[some], self._owners[sizes.argmax(axis=1)]] = lost
         return values, omega, shares
 
-    def _softening(self, loads: Loads, rows: IntArray, V: Array) -> Array:
-        """(n, k, k) stiffness that centrifugal loads take as motions V (n, nv, k) grow."""
-        taken = np.zeros((len(rows), *2 * V.shape[2:]))
-        for part, mass in self._masses:
-            w, own = loads.v[rows, part.start + 3 : part.start + 6], V[:, part]
+    def _inertia(self, loads: Loads, rows: IntArray, motions: Array) -> tuple[Array, Array]:
+        """Mass of flexible bodies in motions (n, nv + r, k + r), and stiffness that centrifugal
+        loads take as they grow: (n, k + r, k + r) each."""
+        taken = np.zeros((len(rows), *2 * motions.shape[2:]))
+        mass = np.zeros_like(taken)
+        for part, rest, by_axes in self._masses:
+            w = loads.v[rows, part.start + 3 : part.start + 6]
             G = (w * w).sum(axis=1)[:, None, None] * np.eye(3) - w[:, :, None] * w[:, None]
-            taken += own.transpose(0, 2, 1) @ np.tensordot(G, mass, 2) @ own
-        return taken
+            own = np.concatenate([motions[:, part], motions[:, rest]], axis=1)
+            back = own.transpose(0, 2, 1)
+            mass += back @ np.einsum("aaij->ij", by_axes) @ own
+            taken += back @ np.tensordot(G, by_axes, 2) @ own
+        return mass, taken
 
     def _loss(self, Kg: Array, V: Array) -> tuple[Array, Array]:
         """Stiffness that loads take from motions V (rows, nv, k) of unit strain energy, and from
@@ -393,34 +401,6 @@ def _largest_real(loss: Array) -> tuple[Array, Array]:
     largest = every.argmax(axis=1)[:, None]
     vector = np.take_along_axis(shapes.real, largest[:, None], axis=2)[..., 0]
     return np.take_along_axis(every, largest, axis=1), vector
-
-
-def _frequency_changes(loss: Array, omega: Array) -> tuple[Array, Array, Array]:
-    """The natural frequency under loads (n,) that fields which are left out lower most, and the
-    part of it (n,) that they take, 1 if all; and what they move by in its shape (n, r).
-
-    `loss` (n, k + r, k + r) is the stiffness that loads take from motions of unit strain energy
-    with frequencies omega (n, k), and from the fields, which follow them statically.
-    """
-    k, whole = omega.shape[1], np.eye(loss.shape[1]) - 0.5 * (loss + loss.transpose(0, 2, 1))
-    own, across, rest = whole[:, :k, :k], whole[:, :k, k:], whole[:, k:, k:]
-    follow = np.linalg.solve(rest, across.transpose(0, 2, 1))
-    scale = omega[:, :, None] * omega[:, None]
-    before, shapes = np.linalg.eigh(scale * own)
-    after = np.linalg.eigvalsh(scale * (own - across @ follow))
-    buckled = np.linalg.eigvalsh(rest)[:, :1] <= 0.0
-    left = np.where(buckled, 0.0, after.clip(0.0) / np.where(before > 0.0, before, 1.0))
-    lost = np.where(before > 0.0, 1.0 - np.sqrt(left.clip(0.0, 1.0)), 0.0)
-    skewed = np.abs(loss - loss.transpose(0, 2, 1)).max(axis=(1, 2))
-    lost[skewed > _TURNING_SHARE * np.abs(loss).max(axis=(1, 2))] = 0.0
-    most = lost.argmax(axis=1)[:, None]
-    shape = omega * np.take_along_axis(shapes, most[:, None], axis=2)[..., 0]
-    moved = (follow @ shape[..., None])[..., 0]
-    return (
-        np.sqrt(np.take_along_axis(before, most, axis=1)[:, 0].clip(0.0)),
-        np.take_along_axis(lost, most, axis=1)[:, 0],
-        moved,
-    )
 
 
 def _natural_motions(K: Array, root: Array, N: Array) -> tuple[Array, Array]:

@@ -61,6 +61,9 @@ _EXACT_POSES = 3  # with exact frequencies, after which no others are computed
 _SMALL_CHANGE = 0.5 * LARGEST_CHANGE  # below which the bound of a change needs no further look
 _MOST_TURN = 2.0 * np.pi  # of a body between two rows [rad]: what it lacks is not known beyond
 _STEP = 1e-4  # of a motion for differences of sensors, over the size of the model
+# Stiffness by turning loads that is not symmetric, over all of them, from which on vibrations
+# without it have no meaning.
+_TURNING_SHARE = 1e-3
 _LEAST_RANGE = 1e-7  # range of a sensor, over the size of the model, that is a motion
 
 
@@ -355,6 +358,40 @@ class FrequencyErrorMonitor:
             f"it: sensors.{sensor} is off by about {percent(share)} of its range (t = "
             f"{say(t, 's', 4)}); reduce the body with more modes"
         )
+
+
+def frequency_changes(loss: Array, mass: Array, omega: Array) -> tuple[Array, Array, Array]:
+    """The natural frequency under loads (n,) that fields which are left out lower most, and the
+    part of it (n,) that they take, 1 if all; and what they move by in its shape (n, r).
+
+    `loss` (n, k + r, k + r) is the stiffness that loads take from motions of unit strain energy
+    with frequencies omega (n, k), and from the fields, which follow them statically. In `mass` only
+    that of the fields counts.
+    """
+    k, whole = omega.shape[1], np.eye(loss.shape[1]) - 0.5 * (loss + loss.transpose(0, 2, 1))
+    own, across, rest = whole[:, :k, :k], whole[:, :k, k:], whole[:, k:, k:]
+    follow = np.linalg.solve(rest, across.transpose(0, 2, 1))
+    scale = omega[:, :, None] * omega[:, None]
+    before, shapes = np.linalg.eigh(scale * own)
+    carried = mass[:, :k, k:] @ follow
+    moving = follow.transpose(0, 2, 1) @ mass[:, k:, k:] @ follow
+    moving = np.eye(k) + scale * (moving - carried - carried.transpose(0, 2, 1))
+    root = np.linalg.inv(np.linalg.cholesky(moving))
+    stiffness = root @ (scale * (own - across @ follow)) @ root.transpose(0, 2, 1)
+    after = np.linalg.eigvalsh(stiffness)
+    buckled = np.linalg.eigvalsh(rest)[:, :1] <= 0.0
+    left = np.where(buckled, 0.0, after.clip(0.0) / np.where(before > 0.0, before, 1.0))
+    lost = np.where(before > 0.0, 1.0 - np.sqrt(left.clip(0.0, 1.0)), 0.0)
+    skewed = np.abs(loss - loss.transpose(0, 2, 1)).max(axis=(1, 2))
+    lost[skewed > _TURNING_SHARE * np.abs(loss).max(axis=(1, 2))] = 0.0
+    most = lost.argmax(axis=1)[:, None]
+    shape = omega * np.take_along_axis(shapes, most[:, None], axis=2)[..., 0]
+    moved = (follow @ shape[..., None])[..., 0]
+    return (
+        np.sqrt(np.take_along_axis(before, most, axis=1)[:, 0].clip(0.0)),
+        np.take_along_axis(lost, most, axis=1)[:, 0],
+        moved,
+    )
 
 
 def _relative_rotations(compiled: Compiled, model: Model) -> list[tuple[int, int]]:

@@ -2,9 +2,10 @@
 
 In: rows of a run, in order. Out: indicators of flexible bodies that bend or twist too far for small
 deformations, and of those that rotate so fast that omitted centrifugal stiffening would change
-their frequencies. The deflection is relative to the joints of the body. The speed is that of the
-joints, over the lowest natural frequency of the body as it is joined, of those modes that the
-motion contains. Sources of the bounds: Adams/Flex limits linear bodies to a tenth of their length;
+their frequencies; the rows in which bodies rotate fastest, in which that is known better than by
+their speed. The deflection is relative to the joints of the body. The speed is that of the joints,
+over the lowest natural frequency of the body as it is joined, of those modes that the motion
+contains. Sources of the bounds: Adams/Flex limits linear bodies to a tenth of their length;
 Kane, Ryan & Banerjee, Dynamics of a cantilever beam attached to a moving base, J. Guidance 10
 (1987) 139, for the loss of stiffness of linear equations: the first frequency of a cantilever is
 too low by the share 0.6 (Ω/ω₁)².
@@ -19,7 +20,9 @@ from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from flexmb.analysis.assembly.initial_state import StartValues
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, ConstraintRows
 from flexmb.analysis.monitors import Indicator
 from flexmb.engine.compile import Compiled
@@ -46,6 +49,8 @@ _MAX_SPEED_RATIO = 0.5**0.5  # Ω/ω at which rotation halves the stiffness
 _SOFTENING = 0.6  # share of the first frequency of a cantilever that is lost, over (Ω/ω₁)²
 #: Speed over the lowest frequency below which centrifugal stiffening may be left out.
 LEAST_SPEED = (LARGEST_SOFTENING / _SOFTENING) ** 0.5
+# Such a speed below which nothing else tells it either; over the largest, that of a row as fast.
+_SLOW, _SAME_SPEED = 0.4 * LEAST_SPEED, 0.98
 _MAX_POINTS = 64  # largest number of points of a body that are monitored
 _MIN_AMPLITUDE = 0.05  # amplitude of a mode over the largest one, if the motion contains it
 _ZERO_FREQUENCY = 1e-5  # frequency over the highest one below which a motion is free
@@ -65,7 +70,19 @@ class _MonitoredBody:
     frequencies: Array  # (j,) of the body as joined, ascending, rad/s
     amplitudes: Array  # (j, m) largest deflection over the length of each mode, per unit eta
     is_stiffened: bool  # whether geometric stiffening is included
-    softens: bool  # whether the equations contain centrifugal softening
+    coupling: str  # of its inertia
+
+    @property
+    def softens(self) -> bool:
+        """Whether the equations contain centrifugal softening."""
+        return self.coupling != "constant"
+
+    def speeds(self, v: Array) -> Array:
+        """(t,) angular velocities of its joints, less about the axis of a shaft."""
+        iv = self.columns.iv + 3
+        omega = v[:, iv : iv + 3] + v[:, iv + 3 : iv + 3 + self.columns.m] @ self.turn.T
+        squares = np.einsum("ti,ij,tj->t", omega, self.inertia, omega)
+        return np.asarray(np.sqrt(squares.clip(0.0)))
 
 
 class LinearElasticityMonitor:
@@ -110,7 +127,7 @@ class LinearElasticityMonitor:
                     frequencies,
                     amplitudes,
                     stiffened,
-                    getattr(spec, "inertia_coupling", "full") != "constant",
+                    getattr(spec, "inertia_coupling", "full"),
                 )  # fmt: skip
             )
         n = len(self._bodies)
@@ -118,14 +135,14 @@ class LinearElasticityMonitor:
         ends = np.cumsum([0, *(len(one.frequencies) for one in self._bodies)])
         self._parts = [slice(*pair) for pair in pairwise(ends)]
         self._amplitudes, self._every_mode = np.zeros(ends[-1]), every_mode
+        self._nq = compiled.layout.nq  # of the row in which each body rotates fastest: t, q, v
+        self._fastest = np.zeros((n, 1 + compiled.layout.nq + compiled.layout.nv))
 
     def add(self, rows: OutputBlock) -> None:
         """Add the next rows."""
         for k, one in enumerate(self._bodies):
-            iq, iv, m = one.columns.iq + 7, one.columns.iv + 3, one.columns.m
-            eta = rows.q[:, iq : iq + m]
-            omega = rows.v[:, iv : iv + 3] + rows.v[:, iv + 3 : iv + 3 + m] @ one.turn.T
-            speed = np.sqrt(np.einsum("ti,ij,tj->t", omega, one.inertia, omega).clip(0.0))
+            iq, m = one.columns.iq + 7, one.columns.m
+            eta, speed = rows.q[:, iq : iq + m], one.speeds(rows.v)
             amplitude = np.abs(eta @ one.amplitudes.T).max(axis=0)
             present = self._amplitudes[self._parts[k]]
             np.maximum(present, amplitude, out=present)
@@ -134,18 +151,51 @@ class LinearElasticityMonitor:
                 row = int(values.argmax())
                 if values[row] > largest[0, k]:
                     largest[:, k] = values[row], rows.t[row]
+                    if values is speed:
+                        self._fastest[k] = np.hstack([rows.t[row], rows.q[row], rows.v[row]])
+
+    def fast_states(self) -> Iterator[tuple[StartValues, list[str]]]:
+        """States in which bodies rotate fast that leave out terms of rotation; their names."""
+        fast = [(self._ratio(k), k) for k in range(len(self._bodies))]
+        left = [k for ratio, k in sorted(fast, reverse=True) if ratio > _SLOW]
+        left = [k for k in left if not self._has_all_terms(k)]
+        while left:
+            t, q, v = np.split(self._fastest[left[0]], [1, 1 + self._nq])
+            names, rest = [left[0]], list[int]()
+            for k in left[1:]:
+                is_fast = self._bodies[k].speeds(v[None])[0] >= _SAME_SPEED * self._largest[2, 0, k]
+                (names if is_fast else rest).append(k)
+            yield StartValues(q, v, float(t[0])), [self._bodies[k].columns.name for k in names]
+            left = rest
+
+    def contains(self, name: str, shapes: NDArray[np.complex128]) -> NDArray[np.bool_]:
+        """Whether the motion contains vibrations of a body with these shapes (nv, k)."""
+        k = next(k for k, one in enumerate(self._bodies) if one.columns.name == name)
+        one = self._bodies[k]
+        first = one.columns.iv + 6
+        parts = np.abs(one.amplitudes @ shapes[first : first + one.columns.m]) ** 2
+        return np.asarray(2.0 * parts[self._present(k)].sum(axis=0) >= parts.sum(axis=0))
+
+    def _has_all_terms(self, k: int) -> bool:
+        return self._bodies[k].is_stiffened and self._bodies[k].coupling == "full"
+
+    def _present(self, k: int) -> NDArray[np.bool_]:
+        """Which modes of a body, as joined, the motion contains."""
+        amplitudes = self._amplitudes[self._parts[k]]
+        least = -1.0 if self._every_mode else _MIN_AMPLITUDE * amplitudes.max(initial=0.0)
+        return np.asarray(amplitudes > least)
+
+    def _ratio(self, k: int) -> float:
+        """Largest speed of a body over the lowest frequency that its motion contains."""
+        lowest = self._bodies[k].frequencies[self._present(k)].min(initial=np.inf)
+        return float(self._largest[2, 0, k] / lowest)
 
     def indicators(self) -> Iterator[Indicator]:
         """Deflection, rotation and speed of each body."""
         for k, one in enumerate(self._bodies):
             name = one.columns.name
             (deflection, at), (rotation, turned), (speed, spun) = self._largest[:, :, k]
-            amplitudes = self._amplitudes[self._parts[k]]
-            least = -1.0 if self._every_mode else _MIN_AMPLITUDE * amplitudes.max(initial=0.0)
-            present = amplitudes > least
-            ratio = 0.0
-            if not one.is_stiffened:
-                ratio = speed / one.frequencies[present].min(initial=np.inf)
+            ratio = 0.0 if one.is_stiffened else self._ratio(k)
             text = partial(self._softening, name, speed, ratio, spun, one.softens)
             quantity = "speed" if one.softens else "speed, of constant inertia"
             yield Indicator(name, quantity, ratio, spun, LEAST_SPEED, text)
@@ -186,7 +236,7 @@ class LinearElasticityMonitor:
             loss = 100 * _SOFTENING * ratio**2
             error = f"frequencies across its plane of rotation are too low by about {loss:.2g} %"
         elif ratio >= 1.0:
-            error = "the linear equations lose all stiffness there and deflections mean nothing: "
+            error = "rotation takes a part of its stiffness, all of it in a frame at the axis: "
             error += INCONSISTENT
         else:
             error = f"that frequency is too low by about {100 * _SOFTENING * ratio**2:.2g} %"

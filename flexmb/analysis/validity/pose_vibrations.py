@@ -16,7 +16,7 @@ linearised about a state. Modes are followed as these changes grow from nothing 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -182,8 +182,9 @@ def errors_at_nodes(
 ) -> Array:
     """How much too high natural frequencies (k,) are, as nodes of a body give way too little.
 
-    Joints pull at nodes besides the interfaces, where the modes lack a part of the compliance. In a
-    mode with the loads c there, cᵀ R c over twice its energy is the part that this adds to 1/ω².
+    Joints and forces pull at nodes besides the interfaces, where the modes lack a part of the
+    compliance. In a mode with the loads c there, cᵀ R c over twice its energy is the part that this
+    adds to 1/ω².
 
     Parameters
     ----------
@@ -199,13 +200,13 @@ def errors_at_nodes(
     compiled, at, X, s = made.compiled, made.tangents, made.shapes, made.eigenvalues
     lam = np.linalg.lstsq(at.Cq.T, at.M @ X * s**2 + at.D @ X * s + at.K @ X, rcond=None)[0]
     equations, rows = StateEquations(compiled, made.state), compiled.system.rows
-    equations.residual()
+    pulls = equations.wrench_changes(X, s)
     A = body_axes(compiled, made.state.q)[compiled.layout.bodies.index(columns)]
     c, own = np.zeros((len(missing), len(s)), complex), slice(columns.iv, columns.iv + 6)
     for marker, place in zip(markers, places, strict=True):
         mine = np.flatnonzero((rows["I"] == marker) | (rows["J"] == marker))
         J = equations.marker_motion(marker)[:, own]
-        W = np.linalg.solve(J.T, at.Cq[mine][:, own].T @ lam[mine])
+        W = np.linalg.solve(J.T, at.Cq[mine][:, own].T @ lam[mine]) + pulls[marker]
         force, moment = A.T @ W[:3], A.T @ W[3:]
         arm = skew(compiled.system.parts.markers["arm"][marker])
         c[place : place + 6] += np.vstack([force, moment + arm @ force])
@@ -246,12 +247,14 @@ class OmittedTerms:
 
 
 def errors_by_omission(
-    made: Linearization, terms: Sequence[OmittedTerms], below: float
-) -> Iterator[tuple[float, int, list[OmittedTerms]]]:
+    made: Linearization, terms: Sequence[OmittedTerms], below: float,
+    counts: Callable[[str, Complex], NDArray[np.bool_]],
+) -> Iterator[tuple[float, int, list[OmittedTerms]]]:  # fmt: skip
     """Errors of natural frequencies below one [Hz], over those with all terms.
 
     Of each body: the largest error of a mode that it changes, infinite if no such frequency is
-    left; the number of the mode, from 0; the terms of the body that change it.
+    left; the number of the mode, from 0; the terms of the body that change it. `counts` are (k,)
+    which shapes (nv, k) of a body do, without these terms or with them.
     """
     along, seen, followed = RowsAlongMotion(made.compiled, made.state), made.seen, [made]
     every = np.array([one.change(made) for one in terms])
@@ -269,12 +272,17 @@ def errors_by_omission(
             along, tangents, seen.observer.name, seen.coordinates.partition
         )
         followed.append(replace(made, tangents=tangents, seen=equations))
-    hertz = ModeSweep.of("", [0.0] * (n + 1), followed).frequencies[[0, -1]]
+    sweep = ModeSweep.of("", [0.0] * (n + 1), followed)
+    hertz, last = sweep.frequencies[[0, -1]], followed[-1]
+    apart = np.abs(sweep.eigenvalues[-1][:, None] - last.eigenvalues)
+    ends = np.nan_to_num(apart, nan=np.inf).argmin(axis=1)
     before, after = np.nan_to_num(hertz)
     errors = np.divide(before - after, after, out=np.full(len(after), np.inf), where=after > 0.0)
     errors[(before == 0.0) & (after == 0.0) | np.isnan(hertz[1]) | (after > below)] = 0.0
     for name, change in changes.items() if len(errors) else ():
-        own = np.where((change >= _OWN_SHARE * largest)[: len(errors)], errors, 0.0)
+        k = min(len(change), len(errors))  # more where one without a vibration has two rates
+        mine = counts(name, made.shapes)[:k] | counts(name, last.shapes[:, ends])[:k]
+        own = np.where(mine & (change >= _OWN_SHARE * largest)[:k], errors[:k], 0.0)
         worst = int(np.abs(own).argmax())
         causes = every[:, worst] * (names == name)
         of = (causes >= _SHARE_OF_CAUSE * causes.max()) & (names == name)

@@ -9,16 +9,22 @@ indicators.
 from __future__ import annotations
 
 from bisect import bisect_left
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from copy import deepcopy
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.analysis.assembly.initial_state import StartValues, assemble
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES
 from flexmb.analysis.linear.linearization import Linearization
+from flexmb.analysis.linear.observer import MinimalEquations, RowsAlongMotion
+from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.analysis.monitors import Indicator, Monitor
+from flexmb.analysis.validity.body_accelerations import Complex
 from flexmb.analysis.validity.frequency_error import FrequencyErrorMonitor
 from flexmb.analysis.validity.linear_elasticity import (
     LARGEST_SOFTENING,
@@ -39,6 +45,7 @@ from flexmb.analysis.validity.omitted_vibrations import OmittedVibrationMonitor,
 from flexmb.analysis.validity.pose_vibrations import errors_by_omission
 from flexmb.engine.compile import Compiled
 from flexmb.engine.state import State
+from flexmb.errors import FlexmbError
 from flexmb.model.flexible_body import stretches
 from flexmb.model.model import Model
 from flexmb.model.scenes.dynamics import ValiditySpec
@@ -48,9 +55,6 @@ from flexmb.units import percent
 if TYPE_CHECKING:
     from flexmb.analysis.validity.deformed_inertia import DeformedInertiaMonitor
 
-# Change of a deflection over (Ω/ω₁)² from which on a body turns so far from the axis that its speed
-# alone does not tell that: about an axis at its end less than half of that.
-_FAR_FROM_AXIS = 2.0
 _TWICE = 1.0  # error of a frequency above which its size has no meaning
 
 
@@ -73,7 +77,7 @@ class ValidityMonitor:
         self, compiled: Compiled, model: Model, q: NDArray[np.float64], is_motion: bool = True,
         *, is_judged: bool = True,
     ) -> None:  # fmt: skip
-        self._spec = model.validity or ValiditySpec()
+        self._spec, self._compiled, self._model = model.validity or ValiditySpec(), compiled, model
         self._elasticity = LinearElasticityMonitor(compiled, model, q)
         self._basis = ModalBasisMonitor(compiled, model, is_motion)
         self._load_factor = LoadFactorMonitor(compiled, model, q, is_motion)
@@ -133,10 +137,29 @@ class ValidityMonitor:
 
     def exceeded(self) -> Iterator[Indicator]:
         """Indicators above their warning level, less those that another one tells too."""
-        exceeded = [one for one in self.indicators() if one.value > one.warning]
+        bars, errors = self._frequency_errors() if self._monitors else ((), ())
+        own = [one for one in self.indicators() if not (_is_speed(one) and one.body in bars)]
+        exceeded = [one for one in (*own, *errors) if one.value > one.warning]
         for one in exceeded:
             if not any(other.body == one.body and _tells(other, one) for other in exceeded):
                 yield one
+
+    def _frequency_errors(self) -> tuple[list[str], list[Indicator]]:
+        """What stiffening and inertia coupling, left out, change where bodies rotate fastest.
+
+        Names of the bodies of which stiffening is known, and an indicator of each one.
+        """
+        bars, errors = list[str](), list[Indicator]()
+        if self._compiled.layout.nv > MAX_COORDINATES:
+            return bars, errors
+        for begin, names in self._elasticity.fast_states():
+            with suppress(FlexmbError, np.linalg.LinAlgError):  # no equilibrium, or no inertia
+                made = _without_vibrations(self._compiled, self._model, begin, names[0])
+                row, contains = _row_of(made.state), self._elasticity.contains
+                every = _frequency_errors(made, row, self._load_factor, contains)
+                bars += [one for one in every[0] if one in names]
+                errors += [one for one in every[1] if one.body in names]
+        return bars, errors
 
     def diverging(self, state: State) -> str:
         """The sentence on a body whose equations have lost their mass or all stiffness, or "".
@@ -189,15 +212,25 @@ def limits_of_vibrations(made: Linearization) -> list[str]:
     notes += ModalBasisMonitor(*of, is_motion=False).notes_of_modes(made)
     if made.compiled.layout.nv > MAX_COORDINATES:
         return notes
-    return [*notes, *_omitted_terms(made, row, monitor)]
+    bars, errors = _frequency_errors(made, row, monitor, _every_mode)
+    notes += [one.text() for one in errors if one.value > LARGEST_ERROR]
+    elasticity = LinearElasticityMonitor(*of, made.state.q, every_mode=True)
+    elasticity.add(row)
+    least = LEAST_SPEED * (LARGEST_ERROR / LARGEST_SOFTENING) ** 0.5
+    speeds = [one for one in elasticity.indicators() if _is_speed(one) and one.body not in bars]
+    return [*notes, *(one.text() for one in speeds if one.value > least)]
 
 
-def _omitted_terms(
-    made: Linearization, row: OutputBlock, load_factor: LoadFactorMonitor
-) -> Iterator[str]:
-    """A sentence on each body whose stiffening or inertia coupling would change a frequency.
+def _frequency_errors(
+    made: Linearization,
+    row: OutputBlock,
+    load_factor: LoadFactorMonitor,
+    counts: Callable[[str, Complex], NDArray[np.bool_]],
+) -> tuple[list[str], list[Indicator]]:
+    """What stiffening or inertia coupling, left out, change of natural frequencies.
 
-    Stiffening is known of bars; of other bodies the speed tells it.
+    Stiffening is known of bars, which are named; of other bodies the speed tells it. `counts` as of
+    `errors_by_omission`.
     """
     compiled, model, units = made.compiled, made.model, made.model.units
     terms = list(omitted_stiffness(compiled, model, row, load_factor))
@@ -218,24 +251,46 @@ def _omitted_terms(
         from flexmb.analysis.validity.deformed_inertia import omitted_coupling
 
         terms += omitted_coupling(made, coupled)
-    for error, mode, causes in errors_by_omission(made, terms, below) if terms else ():
-        if abs(error) > LARGEST_ERROR:
-            name = causes[0].name
-            where = f" turns with {units.say(turns[name], 'rad/s', 3)}" if name in turns else ""
-            what, cures = (
-                " and ".join(words)
-                for words in zip(*((one.cause, one.cure) for one in causes), strict=True)
-            )
-            hertz = made.frequencies[mode]
-            effect = _frequency_error(error, units.say(hertz, "Hz", 3) if hertz else "")
-            yield f"bodies.{name}{where}: {what}, so that {effect}; {cures}"
-    elasticity = LinearElasticityMonitor(compiled, model, made.state.q, every_mode=True)
-    elasticity.add(row)
-    least = LEAST_SPEED * (LARGEST_ERROR / LARGEST_SOFTENING) ** 0.5
-    for one in elasticity.indicators():
-        is_speed = one.quantity.partition(",")[0] == "speed" and one.body not in bars
-        if is_speed and one.value > least:
-            yield one.text()
+    errors = list[Indicator]()
+    for error, mode, causes in errors_by_omission(made, terms, below, counts) if terms else ():
+        name = causes[0].name
+        where = f" turns with {units.say(turns[name], 'rad/s', 3)}" if name in turns else ""
+        what, cures = (
+            " and ".join(words)
+            for words in zip(*((one.cause, one.cure) for one in causes), strict=True)
+        )
+        hertz = made.frequencies[mode]
+        effect = _frequency_error(error, units.say(hertz, "Hz", 3) if hertz else "")
+        text = partial(str, f"bodies.{name}{where}: {what}, so that {effect}; {cures}")
+        quantity = "omitted_terms"
+        if len(causes) == 1 and name in bars and not causes[0].M.any() and not causes[0].D.any():
+            quantity = "omitted_stiffening"
+        size, t = abs(error), float(row.t[0])
+        errors.append(Indicator(name, quantity, size, t, LARGEST_SOFTENING, text))
+    return bars, errors
+
+
+def _every_mode(_: str, shapes: Complex) -> NDArray[np.bool_]:
+    return np.ones(shapes.shape[1], bool)
+
+
+def _without_vibrations(
+    compiled: Compiled, model: Model, begin: StartValues, observer: str
+) -> Linearization:
+    """The equations linearised about the motion of a run at a time, less the vibrations in it.
+
+    They are written in the axes of a body.
+    """
+    for columns, _ in flexible_columns(compiled):
+        begin.v[columns.iv + 6 : columns.iv + 6 + columns.m] = 0.0
+    state = assemble(compiled, model, begin=begin._replace(vibrates=False)).state
+    tangents = StateEquations(compiled, state).tangents()
+    seen = MinimalEquations(RowsAlongMotion(compiled, state), tangents, observer)
+    return Linearization(compiled, model, state, tangents, seen, 0.0, ())
+
+
+def _is_speed(one: Indicator) -> bool:
+    return one.quantity.partition(",")[0] == "speed"
 
 
 def _frequency_error(error: float, hertz: str) -> str:
@@ -282,12 +337,12 @@ def _membrane_monitors(compiled: Compiled, model: Model, bows: set[str]) -> Iter
 def _tells(other: Indicator, one: Indicator) -> bool:
     """Whether the sentence of the other indicator of a body tells what that of one does.
 
-    What rotation does without stiffening two indicators tell: the larger number counts.
+    What stiffening does two indicators tell: the larger number counts, of a change of stiffness.
     """
-    pair = {one.quantity.partition(",")[0], other.quantity.partition(",")[0]}
-    if pair == {"speed", "stiffening"}:
-        speed, change = (one, other) if one.quantity != "stiffening" else (other, one)
-        return (change.value < _FAR_FROM_AXIS * speed.value**2) == (other is speed)
+    pair = {one.quantity, other.quantity}
+    if pair == {"omitted_stiffening", "stiffening"}:
+        frequency, change = (one, other) if other.quantity == "stiffening" else (other, one)
+        return (change.value < 2.0 * frequency.value) == (other is frequency)
     better = {"stiffening": {"load_factor"}, "membrane_forces": {"stiffening", "load_factor"}}
     return other.quantity in better.get(one.quantity, ())
 

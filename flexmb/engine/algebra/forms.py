@@ -41,7 +41,7 @@ def bend_with_axis(bend: NDArray[np.float64], turn: float) -> tuple[NDArray[np.f
     axes, sizes, _ = np.linalg.svd(bend[3:].reshape(3, -1), full_matrices=False)
     if sizes[0] <= _ROUND_OFF * turn**2:
         return bend[:3], np.zeros(3)
-    if sizes[1] <= _ROUND_OFF * sizes[0]:
+    if sizes[1:].max(initial=0.0) <= _ROUND_OFF * sizes[0]:
         return np.concatenate([bend[:3], np.tensordot(axes[:, :1].T, bend[3:], 1)]), axes[:, 0]
     return bend, np.zeros(3)
 

@@ -213,7 +213,8 @@ def _omitted_stiffening(
     every = np.hstack([fe.rigid[:, 3:], Phi, Y])
     table = np.zeros((len(forms), Y.shape[1], every.shape[1]))
     table[some] = geometric_forms(fe, every, U[:, some], per_mass[some])[:, 3 + m :]
-    return OmittedStiffening(*np.split(table, [3, 3 + m], axis=2))
+    mass = fe.reduced_mass(np.hstack([fe.rigid, Phi, Y]))[:, :, 6 + m :]
+    return OmittedStiffening(*np.split(table, [3, 3 + m], axis=2), mass)
 
 
 def _stretching_energy(fe: FEMatrices) -> float:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from flexiblescenes import STEEL, flexible_crank, rod
+from shellkit import sheet
 
 from flexmb.analysis.assembly.jacobian import ConstraintRows
 from flexmb.analysis.validity.linear_elasticity import (
@@ -14,7 +15,7 @@ from flexmb.analysis.validity.linear_elasticity import (
 )
 from flexmb.analysis.validity.modal_basis import ModalBasisMonitor
 from flexmb.engine.compile import compile_system
-from flexmb.fe import reduce
+from flexmb.fe import reduce, shell
 from flexmb.flexbody import rigid_body
 from flexmb.model import Model
 from tests.accuracyscenes.judging import judged
@@ -90,19 +91,25 @@ def sentences(model, **knobs):
     return [note for note in found.notes if "elasticity" in note or "centrifugal" in note]
 
 
-@pytest.mark.parametrize("share", [0.12, 0.14, 0.9, 1.2])
+@pytest.mark.parametrize("share", [0.12, 0.14, 1.2])
 def test_speeds_that_stiffening_counts_at_are_told(share):
-    """0.6 (Ω/ω₁)² is one per cent at 0.129."""
-    model = on_a_hub(share * 1.8751041**2 * BENDING)
-    model.set_validity(speed="any", deflection="any")
-    told = sentences(model, duration=1.0)
+    """Of a square plate, whose speed tells it: 0.6 (Ω/ω₁)² is one per cent at 0.129."""
+    body = reduce(sheet((6, 6)), modes=4, material=STEEL, sections={"all": shell(HEIGHT)},
+                  interfaces={"root": "x0", "tip": "x1"})  # fmt: skip
+    model = Model("plate")
+    model.add_body("beam", body, position=[0, -0.5, 0])
+    model.add_joint("hub", "revolute", between=["ground", "beam.root"], axis="z")
+    speed = share * lowest(model)
+    model.add_driver("motor", joint="hub", angle=f"{speed}*t")
+    model.add_force("kick", "force", at="beam.tip", value=[0, 0, "sin(50*t)"])
+    model.set_validity(speed="any", deflection="any", inertia_loads="any")
+    told = sentences(model, duration=0.05)
     if share < 0.129:
         assert not told
         return
     (sentence,) = told
     assert f"{share:g} of its lowest natural frequency" in sentence
     assert ("too low by about" in sentence) == (share < 1)
-    assert ("mean nothing" in sentence) == (share >= 1)
 
 
 def test_a_shaft_that_turns_about_its_axis_needs_no_stiffening():
