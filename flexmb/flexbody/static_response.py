@@ -216,11 +216,15 @@ class OmittedStiffening:
 
     def __post_init__(self) -> None:
         check, r = Checker("omitted stiffening"), np.shape(self.own)[-1]
-        mass = check.floats("mass", self.mass, (3, 3, r, None))
-        object.__setattr__(self, "mass", mass)
         for name, columns in (("turns", 3), ("modes", None), ("own", r)):
             form = check.floats(name, getattr(self, name), (len(self.own), r, columns))
             object.__setattr__(self, name, form)
+        width = 6 + self.modes.shape[-1] + r
+        mass = check.floats("mass", self.mass, (3, 3, r, width))
+        object.__setattr__(self, "mass", mass)
+        own = np.einsum("aaij->ij", mass[..., width - r :]) if not check.problems else np.eye(r)
+        if np.linalg.eigvalsh(own).min(initial=1.0) <= -_ROUND_OFF * np.trace(own):
+            check.add("mass", "has a negative eigenvalue")
         check.raise_problems()
 
     def in_coordinates(self, Z: FloatArray) -> OmittedStiffening:

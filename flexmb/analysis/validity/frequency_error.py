@@ -64,6 +64,7 @@ _STEP = 1e-4  # of a motion for differences of sensors, over the size of the mod
 # Stiffness by turning loads that is not symmetric, over all of them, from which on vibrations
 # without it have no meaning.
 _TURNING_SHARE = 1e-3
+_LEAST_MASS = 1e-9  # of a vibration with fields, over that without them
 _LEAST_RANGE = 1e-7  # range of a sensor, over the size of the model, that is a motion
 
 
@@ -376,8 +377,9 @@ def frequency_changes(loss: Array, mass: Array, omega: Array) -> tuple[Array, Ar
     carried = mass[:, :k, k:] @ follow
     moving = follow.transpose(0, 2, 1) @ mass[:, k:, k:] @ follow
     moving = np.eye(k) + scale * (moving - carried - carried.transpose(0, 2, 1))
-    root = np.linalg.inv(np.linalg.cholesky(moving))
-    stiffness = root @ (scale * (own - across @ follow)) @ root.transpose(0, 2, 1)
+    masses, axes = np.linalg.eigh(moving)
+    axes /= np.sqrt(masses.clip(_LEAST_MASS))[:, None]
+    stiffness = axes.transpose(0, 2, 1) @ (scale * (own - across @ follow)) @ axes
     after = np.linalg.eigvalsh(stiffness)
     buckled = np.linalg.eigvalsh(rest)[:, :1] <= 0.0
     left = np.where(buckled, 0.0, after.clip(0.0) / np.where(before > 0.0, before, 1.0))

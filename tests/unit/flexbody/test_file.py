@@ -190,6 +190,14 @@ def test_geometric_stiffness_that_would_make_energy_is_refused(tmp_path, form):
         load(path)
 
 
+def test_fields_left_out_whose_mass_is_impossible_are_refused(tmp_path):
+    path = save(loaded(), tmp_path / "damaged.h5")
+    with edit_hdf5(path) as file:
+        file["omitted_stiffening/mass"][...] *= -1.0
+    with pytest.raises(BodyFileError, match="mass: has a negative eigenvalue"):
+        load(path)
+
+
 def test_files_that_are_no_bodies(tmp_path):
     with pytest.raises(BodyFileError, match="there is no such file"):
         load(tmp_path / "none.h5")
