@@ -335,6 +335,27 @@ def test_a_sensor_that_does_not_move_has_no_change(tmp_path):
     assert told[0] == told[1]
 
 
+def test_a_neck_that_is_shorter_than_wide_is_no_bar(tmp_path):
+    """Between two arms: its nodes do not extend along the longest axis of its mass."""
+    made = Model("neck")
+    for k, (x, long, high) in enumerate(((0.0, 0.3, 0.03), (0.3, 0.01, 0.0015), (0.31, 0.3, 0.03))):
+        made.add_body(
+            f"part{k}", mesh={"type": "beam", "length": long, "divisions": 4}, material=STEEL,
+            sections={"all": {"type": "rectangle", "y": high, "z": 0.03}}, modes=2, stress="none",
+            interfaces={"root": "start", "tip": "end"}, position=[x, 0, 0],
+        )  # fmt: skip
+        before = f"part{k - 1}.tip" if k else "ground"
+        made.add_joint(f"weld{k}", "fixed", between=[before, f"part{k}.root"])
+    made.add_force("push", "force", at="part2.tip", value=[0, 3.0, 0])
+    made.add_sensor("tip", "position", of="part2.tip")
+    made.set_dynamics(duration=1e-3, outputs=3, accuracy=1e-3, start="quasi-static")
+    run = run_single(made, tmp_path, pictures=False)
+    tip = Result(run.result)["tip.y"][0]
+    # by the turn of the neck under the moment at its middle, 0.305 m from the tip
+    neck = 3.0 * 0.01 * 0.305**2 / (E * 0.03 * 0.0015**3 / 12)
+    assert tip == pytest.approx(neck, rel=0.05)
+
+
 @pytest.mark.parametrize(("words", "modes"), [({}, 0), ({"deformation": "rigid"}, 0), ({}, 1)])
 def test_a_body_without_modes_is_told_to_be_rigid(words, modes, tmp_path):
     """With its first natural frequency, that of a cantilever."""

@@ -152,7 +152,7 @@ class ModalBasisMonitor:
         self._settled, self._end = _MIN_SHARE_OF_RUN * whole, whole
         drive = slowest_oscillation(model) if self._bodies else 0.0
         self._oscillators = [OmittedOscillators(one.body, drive) for one in self._bodies]
-        most = max((len(one.omega) for one in self._oscillators), default=1)
+        most = max([1, *(len(one.omega) for one in self._oscillators)])
         self._vibration = np.full((n, most, 5), np.nan)  # state of the omitted modes
         # Largest energy of each and its time: without acting back, and with, and since when.
         self._alone, self._acting = np.zeros((n, most, 2)), np.full((n, most, 3), np.inf)
@@ -250,7 +250,7 @@ class ModalBasisMonitor:
         acting[:, 2] = since
         update_largest(acting, energy, t)
 
-    def _vibrations(self, k: int) -> tuple[float, float, int]:
+    def _vibrations(self, k: int) -> tuple[float, float, int, float]:
         return most_of_vibrations(self._alone[k], self._acting[k], self._strain[k])
 
     def node_loads(self, rows: OutputBlock) -> list[Array]:
@@ -293,7 +293,7 @@ class ModalBasisMonitor:
             for what, texts in enumerate((self._inertia, self._load, self._truncation)):
                 missing, t, beside = self._largest[what, :, k]
                 if what == TRUNCATION:
-                    missing, t, beside = self._vibrations(k)
+                    missing, t, beside, _ = self._vibrations(k)
                 whole = self._strain[k] if what == TRUNCATION else self._whole[k]
                 share = 0.0 if early or not missing else float(np.sqrt(missing / whole))
                 text = partial(texts, one, share, t, beside)
@@ -309,7 +309,7 @@ class ModalBasisMonitor:
         if not share or not self._sensors or not self._most.ndim:
             return None
         omega, (forces, motions) = self._oscillators[k].omega[j], one.at_interfaces
-        y, changes = np.sqrt(self._vibrations(k)[0]) / omega, list[float]()
+        y, changes = np.sqrt(self._vibrations(k)[3]) / omega, list[float]()
         for columns, power, beside in self._sensors:
             size = float((self._most - self._least)[columns].max())
             moved, still = y * motions[j], _LEAST_RANGE * self._size * self._slowest**power

@@ -120,17 +120,20 @@ def update_largest(largest: Array, values: Array, t: Array) -> None:
     largest[: len(now), :2][more] = now[more]
 
 
-def most_of_vibrations(alone: Array, acting: Array, strain: float) -> tuple[float, float, int]:
-    """Energy, time and number of the mode that is left out and vibrates most.
+def most_of_vibrations(
+    alone: Array, acting: Array, strain: float
+) -> tuple[float, float, int, float]:
+    """Energy, time and number of the mode that is left out and vibrates most; energy at sensors.
 
     Of each are known its largest energy and the time of it, without acting back on the body
-    (o, 2), and with, since a time (o, 3). Without, it takes any energy from the motion that it
-    would change; it has no more than is in the `strain` of the body, unless it does with it too.
+    (o, 2), and with, since a time (o, 3). Acting back it changes the motion instead: at sensors
+    that counts too, up to the energy without, or to the `strain` of the body.
     """
-    energy, since = np.maximum(acting[:, 0], np.minimum(alone[:, 0], strain)), acting[:, 2]
-    energy = np.where(alone[:, 1] >= since, np.minimum(energy, alone[:, 0]), alone[:, 0])
+    acts = alone[:, 1] >= acting[:, 2]
+    energy = np.where(acts, np.minimum(acting[:, 0], alone[:, 0]), alone[:, 0])
+    most = np.where(acts, np.minimum(alone[:, 0], np.maximum(energy, strain)), alone[:, 0])
     j = int(energy.argmax())
-    return float(energy[j]), float(alone[j, 1]), j
+    return float(energy[j]), float(alone[j, 1]), j, float(most[j])
 
 
 def errors_at_nodes(
