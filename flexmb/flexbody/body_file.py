@@ -16,6 +16,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -246,6 +247,9 @@ def parts_of(datasets: Mapping[str, Any]) -> dict[str, Any]:
         members = _members(datasets, owner)
         if owner == "nodes" and members:
             members["groups"] = _groups(datasets)
+        required = {one.name for one in fields(kind) if one.default is one.default_factory}
+        if members and (absent := sorted(required - set(members))):
+            raise ValueError(f"the dataset {owner}/{absent[0]} is missing")
         if members:
             parts[name] = kind(**members)
     return parts
@@ -287,8 +291,7 @@ def _rows(columns: Mapping[str, Any]) -> list[dict[str, Any]]:
         name: values.tolist() if isinstance(values, np.ndarray) and values.ndim == 1 else values
         for name, values in columns.items()
     }
-    count = len(next(iter(plain.values())))
-    return [{name: values[row] for name, values in plain.items()} for row in range(count)]
+    return [dict(zip(plain, row, strict=True)) for row in zip(*plain.values(), strict=True)]
 
 
 def save(body: FlexBody, path: str | os.PathLike[str]) -> Path:
@@ -344,11 +347,8 @@ def save_datasets(
             owner, _, name = mark.rpartition("/")
             file.require_group(owner or "/").attrs[name] = value
         for place, value in datasets.items():
-            if isinstance(value, list):
-                text = np.array(value, dtype=object)
-                file.create_dataset(place, data=text, dtype=h5py.string_dtype())
-            else:
-                file.create_dataset(place, data=value)
+            kind = h5py.string_dtype() if isinstance(value, list) else None
+            file.create_dataset(place, data=value, dtype=kind)
     line = seal(content)
     try:
         with whole_file(target) as partial, partial.open("wb") as disk:

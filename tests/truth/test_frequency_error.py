@@ -15,6 +15,7 @@ from scipy.linalg import eigh
 from scipy.sparse.linalg import spsolve
 
 from flexmb.analysis.validity.frequency_error import FrequencyErrorMonitor
+from flexmb.analysis.validity.modal_basis import ModalBasisMonitor
 from flexmb.engine.compile import compile_system
 from flexmb.fe import assemble, mesh_from, reduce
 from flexmb.fe.reduction.inertia_relief import inertia_loads
@@ -335,9 +336,11 @@ def test_rows_may_come_one_by_one(tmp_path):
     rows = OutputBlock(result.time, *tables, none, sensors, none, none)
     values = []
     for size in (1, 7, len(result.time)):
-        monitor = FrequencyErrorMonitor(compiled, model)
+        basis = ModalBasisMonitor(compiled, model)
+        monitor = FrequencyErrorMonitor(compiled, model, basis)
         for first in range(0, len(result.time), size):
-            monitor.add(rows.part(first, min(first + size, len(result.time))))
+            for one in (basis, monitor):
+                one.add(rows.part(first, min(first + size, len(result.time))))
         values.append([one.value for one in monitor.indicators()])
     np.testing.assert_allclose(values[0], values[2], rtol=0.02)
     np.testing.assert_allclose(values[1], values[2], rtol=0.02)

@@ -266,6 +266,39 @@ def test_what_a_shock_changes_at_joints_and_interfaces(modes, tmp_path):
 
 
 @pytest.mark.seconds
+@pytest.mark.parametrize("modes", [1, 2])
+def test_what_acts_back_has_no_more_energy_than_it_is_given(modes, tmp_path):
+    """A stick on a hinge beats a drum: its second clamped mode resonates with the motion of the run
+    unless it acts back on it, and the plane of its motion is one of a pair."""
+
+    def beating(modes):
+        made = Model("drum")
+        made.add_body(
+            "stick", mesh={"type": "beam", "length": 0.4, "divisions": 20}, modes=modes,
+            sections={"all": {"type": "rectangle", "y": 0.014, "z": 0.014}}, stress="none",
+            material={"E": 1.2e10, "nu": 0.3, "density": 700.0}, damping=0.01,
+            interfaces={"root": "start"}, angular_velocity=[0, 0, -10.0],
+        )  # fmt: skip
+        made.add_marker("stick.tip", position=[0.4, 0, 0])
+        made.add_joint("hinge", "revolute", between=["ground", "stick.root"], axis="z")
+        made.add_force("head", "force", at="stick.tip", value=[0, "5e4*max(0, -0.1 - tip.y)", 0])
+        made.add_sensor("tip", "position", of="stick.tip")
+        made.add_sensor("rate", "velocity", of="stick.tip")
+        made.add_sensor("pull", "reaction", joint="hinge", quantity="force")
+        made.set_dynamics(duration=0.2, outputs=800, accuracy=1e-4)
+        made.set_validity(truncation="any", node_loads="any")
+        return made
+
+    few, notes = ran(beating(modes), tmp_path / "few")
+    all_, _ = ran(beating(24), tmp_path / "all")
+    (note,) = (note for note in notes if "would vibrate" in note)
+    names = [f"{name}.{axis}" for name in ("pull", "rate") for axis in "xy"]
+    error = max(np.abs(few[one] - all_[one]).max() / np.ptp(all_[one]) for one in names)
+    said = float(note.split("change sensors by up to ")[1].split(" %")[0]) / 100
+    assert error / 2 < said < 2 * error
+
+
+@pytest.mark.seconds
 def test_the_first_moments_of_a_shock_refuse_no_run(tmp_path):
     """A door meets a stop: fast modes answer at first, most of its deformation comes later."""
     made = Model("door")
@@ -300,6 +333,27 @@ def test_a_sensor_that_does_not_move_has_no_change(tmp_path):
         _, (note,) = ran(model, tmp_path / name)
         told.append(note)
     assert told[0] == told[1]
+
+
+def test_a_neck_that_is_shorter_than_wide_is_no_bar(tmp_path):
+    """Between two arms: its nodes do not extend along the longest axis of its mass."""
+    made = Model("neck")
+    for k, (x, long, high) in enumerate(((0.0, 0.3, 0.03), (0.3, 0.01, 0.0015), (0.31, 0.3, 0.03))):
+        made.add_body(
+            f"part{k}", mesh={"type": "beam", "length": long, "divisions": 4}, material=STEEL,
+            sections={"all": {"type": "rectangle", "y": high, "z": 0.03}}, modes=2, stress="none",
+            interfaces={"root": "start", "tip": "end"}, position=[x, 0, 0],
+        )  # fmt: skip
+        before = f"part{k - 1}.tip" if k else "ground"
+        made.add_joint(f"weld{k}", "fixed", between=[before, f"part{k}.root"])
+    made.add_force("push", "force", at="part2.tip", value=[0, 3.0, 0])
+    made.add_sensor("tip", "position", of="part2.tip")
+    made.set_dynamics(duration=1e-3, outputs=3, accuracy=1e-3, start="quasi-static")
+    run = run_single(made, tmp_path, pictures=False)
+    tip = Result(run.result)["tip.y"][0]
+    # by the turn of the neck under the moment at its middle, 0.305 m from the tip
+    neck = 3.0 * 0.01 * 0.305**2 / (E * 0.03 * 0.0015**3 / 12)
+    assert tip == pytest.approx(neck, rel=0.05)
 
 
 @pytest.mark.parametrize(("words", "modes"), [({}, 0), ({"deformation": "rigid"}, 0), ({}, 1)])

@@ -12,13 +12,17 @@ the mass of the body.
 
 from __future__ import annotations
 
+from collections.abc import Collection
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import block_diag
 
 from flexmb.analysis.validity.linear_elasticity import JoinedFrame, in_body_axes
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody, InertiaResponse
-from flexmb.flexbody.arrays import Array
+from flexmb.flexbody.arrays import Array, skew
 from flexmb.results.output_block import OutputBlock
 
 Complex = NDArray[np.complex128]
@@ -180,3 +184,82 @@ def _turning(alpha: Array, omega: Array) -> Array:
 def _cross_product(vectors: Array) -> Array:
     """(t, 3, 3) matrices of the cross product with vectors (t, 3)."""
     return np.asarray(np.cross(vectors[:, None], -np.eye(3)))
+
+
+@dataclass(frozen=True, eq=False)
+class LackingBody:
+    """A flexible body, with what it lacks under its accelerations.
+
+    These are 12 + m numbers: those of `InertiaResponse`, and of the modal coordinates. Those of its
+    velocity coordinates, in body axes, are C (12 + m, 6 + m) times their rates.
+    """
+
+    columns: BodyColumns
+    body: FlexBody
+    accelerations: BodyAccelerations
+    omega: Array  # (o,) of the modes that are left out, rad/s
+    force: Array  # (o, 12 + m) on them
+    rest: Array  # (12 + m, 12 + m) missing energy besides these
+    C: Array
+
+    @classmethod
+    def of(cls, columns: BodyColumns, body: FlexBody, gravity: Array) -> LackingBody | None:
+        """Of a flexible body; None if its file does not tell."""
+        omitted, m = body.omitted_modes, columns.m
+        if omitted is None:
+            return None
+        C = np.zeros((12 + m, 6 + m))
+        C[:3, :3], C[3:6, 3:6], C[12:, 6:] = np.eye(3), np.eye(3), np.eye(m)
+        C[:3, 3:6] = -skew(body.center)
+        rest = np.zeros((12 + m,) * 2) if omitted.rest is None else omitted.rest
+        force = np.hstack([omitted.inertia, omitted.modes])
+        accelerations = BodyAccelerations(columns, body, gravity)
+        return cls(columns, body, accelerations, 2.0 * np.pi * omitted.frequency, force, rest, C)
+
+    def load_forces(self, loads: Array) -> Array:
+        """(t, o) forces on the modes that are left out by loads at nodes (t, 6 r)."""
+        by = self.body.omitted_modes.loads if self.body.omitted_modes else np.zeros((0, 0))
+        return loads @ by.T if by.shape[1] == loads.shape[1] else np.zeros((len(loads), len(by)))
+
+    @property
+    def part(self) -> slice:
+        """Its velocity coordinates."""
+        return slice(self.columns.iv, self.columns.iv + 6 + self.columns.m)
+
+    @property
+    def missing(self) -> Array:
+        """(6 + m, 6 + m) R: twice the missing energy by accelerations of the coordinates."""
+        scaled = self.force / self.omega[:, None]
+        return np.asarray(self.C.T @ (self.rest + scaled.T @ scaled) @ self.C)
+
+    def at_interfaces(self, joined: Collection[str]) -> tuple[Array, Array]:
+        """What the modes that are left out do at interfaces, of which some are `joined`.
+
+        Returns
+        -------
+        forces : (o,) array
+            Largest force at a joined one per acceleration of each mode, with all of them at rest.
+        motions : (o,) array
+            Largest motion of one over that of each mode, with none of them at rest.
+        """
+        n, mass, size = 6 + self.body.m, self.accelerations.mass, self.body.characteristic_length
+        sizes = np.where(mass.diagonal() > 0.0, mass.diagonal(), mass[0, 0])
+        unit, none, places = np.eye(3), np.zeros((3, 3)), self.body.interfaces
+        rows = [
+            np.block(
+                [[unit, -skew(one.position), one.Phi_t], [none, size * unit, size * one.Phi_r]]
+            )
+            for one in places
+        ]
+        B, scales = np.vstack([np.zeros((0, n)), *rows]), np.sqrt(mass[0, 0] / sizes)
+        K = block_diag(np.zeros((6, 6)), self.body.K) * np.outer(scales, scales)
+        A = np.block([[K / K.max(), (B * scales).T], [B * scales, np.zeros((len(B),) * 2)]])
+        units = np.linalg.lstsq(A, np.eye(n + len(B))[:, n:], rcond=None)[0][:n]
+        force = self.force @ self.C  # on motions with one unit at an interface, and on free ones
+        pulls, ways = force @ (scales[:, None] * units), force @ self.accelerations.inverse @ B.T
+        pulls, ways = (
+            np.linalg.norm(x.reshape(len(force), len(places), 6)[..., :3], axis=2)
+            for x in (pulls, ways)
+        )
+        at_joints = [one.name in joined for one in places]
+        return pulls.max(axis=1, initial=0.0, where=at_joints), ways.max(axis=1, initial=0.0)

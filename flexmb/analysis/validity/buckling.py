@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import ConstraintRows, numerical_rank, row_tangent
-from flexmb.analysis.validity.frequency_error import frequency_changes
+from flexmb.analysis.validity.pose_vibrations import frequency_changes
 from flexmb.engine.algebra.forms import bend_of
 from flexmb.engine.compile import Compiled
 from flexmb.engine.joints import DOT1, ROW_KINDS

@@ -11,14 +11,15 @@ linearised about a row of the run,
 
     (M + ΔM) δ̈ + D δ̇ + K δ = d²S/dt²,   S = R x,   R = Σ CᵀC/ω²,
 
-with R the strain energy that is missing under accelerations, and ΔM such that the frequencies
-are lowered as they should be (:mod:`flexmb.analysis.validity.pose_vibrations`). Accelerations x and
-the second derivative of S are those in space, where a shaft that turns faster than it whirls moves
+with R the strain energy that is missing under accelerations, and ΔM such that the frequencies are
+lowered as they should be (:mod:`flexmb.analysis.validity.pose_vibrations`). Accelerations x and the
+second derivative of S are those in space, where a shaft that turns faster than it whirls moves
 slowly (:mod:`flexmb.analysis.validity.body_accelerations`). Where the modes begin at rest those
 that are left out do too, so that the rate of S jumps from zero there. S is taken as linear between
 rows, which is solved exactly; vibrations that the rows do not resolve are left out. Matrices are
 those of the row, with the springs, forces and damping there; they are computed again where the pose
-or the speed of rotation differs, and used for all rows near it.
+or the speed of rotation differs, and used for all rows near it. Loads at nodes move the modes that
+are left out too.
 
 An undamped vibration is δ = ∫ cos ω(t − s) dS(s), so that the total variation of S, in norms of the
 mass matrices of the bodies, is a bound of δ whatever the frequencies, poses and joints. While it is
@@ -40,8 +41,15 @@ from flexmb.analysis.assembly.mechanism_modes import mobilities
 from flexmb.analysis.linear.observer import MinimalEquations, RowsAlongMotion, body_axes
 from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.analysis.monitors import Indicator
+from flexmb.analysis.validity.body_accelerations import LackingBody
 from flexmb.analysis.validity.linear_elasticity import flexible_columns
-from flexmb.analysis.validity.pose_vibrations import RESOLVED, LackingBody, PoseVibrations
+from flexmb.analysis.validity.modal_basis import ModalBasisMonitor
+from flexmb.analysis.validity.pose_vibrations import (
+    MAX_PHASE_STEP,
+    RESOLVED,
+    PoseVibrations,
+    energies_of_vibrations,
+)
 from flexmb.engine.allocation import new_state
 from flexmb.engine.bodies.static_modes import static_coordinates
 from flexmb.engine.compile import Compiled
@@ -61,10 +69,6 @@ _EXACT_POSES = 3  # with exact frequencies, after which no others are computed
 _SMALL_CHANGE = 0.5 * LARGEST_CHANGE  # below which the bound of a change needs no further look
 _MOST_TURN = 2.0 * np.pi  # of a body between two rows [rad]: what it lacks is not known beyond
 _STEP = 1e-4  # of a motion for differences of sensors, over the size of the model
-# Stiffness by turning loads that is not symmetric, over all of them, from which on vibrations
-# without it have no meaning.
-_TURNING_SHARE = 1e-3
-_LEAST_MASS = 1e-9  # of a vibration with fields, over that without them
 _LEAST_RANGE = 1e-7  # range of a sensor, over the size of the model, that is a motion
 
 
@@ -82,16 +86,21 @@ class FrequencyErrorMonitor:
     ----------
     compiled, model : Compiled, Model
         The model.
+    basis : ModalBasisMonitor
+        Tells the loads at nodes, and is told the energy of modes that are left out. It has the rows
+        before this one.
     """
 
-    def __init__(self, compiled: Compiled, model: Model) -> None:
+    def __init__(self, compiled: Compiled, model: Model, basis: ModalBasisMonitor) -> None:
+        self._basis = basis
         self._compiled, self._model, self._units = compiled, model, model.units
         gravity = np.array(model.gravity or (0.0, 0.0, 0.0))
         still = len(static_coordinates(compiled.system)) > 0
         small = compiled.layout.nv <= MAX_COORDINATES
         pairs = flexible_columns(compiled) if small and not still else ()
-        every = (LackingBody.of(*pair, gravity) for pair in pairs)
+        every = [LackingBody.of(*pair, gravity) for pair in pairs]
         self._bodies = [one for one in every if one is not None]
+        self._places = [k for k, one in enumerate(every) if one is not None]  # in the basis
         self._numbers = [compiled.layout.bodies.index(one.columns) for one in self._bodies]
         channels = compiled.layout.channels
         self._sensors = {
@@ -107,6 +116,7 @@ class FrequencyErrorMonitor:
         n_o, nv = sum(len(one.omega) for one in self._bodies), compiled.layout.nv
         self._duration = model.dynamics.duration if model.dynamics else 0.0
         self._interval = np.zeros(1)  # between rows, s
+        self._since = np.full(1, np.inf)  # when the integration began
         self._row = np.zeros((0, 1))  # time and forces of the last row, and their last rate
         self._state = np.zeros(2 * (nv + n_o))  # difference of the motion, body axes; of y; rates
         self._least, self._most = np.array(np.inf), np.array(-np.inf)  # range of all channels
@@ -143,12 +153,13 @@ class FrequencyErrorMonitor:
             self._integrate(pose, rows.t[at], h[at], _Slopes(*(x[at] for x in slopes)), table[at])
 
     def _table(self, rows: OutputBlock) -> Array:
-        """(t, columns) time; forces: S of each body, in body axes, then y = C x/ω² of its modes;
+        """(t, columns) time; forces: S of each body, in body axes, then y of its modes;
         angular velocities of the bodies."""
         parts, modes = [], []
-        for one in self._bodies:
+        loads = self._basis.node_loads(rows)
+        for one, k in zip(self._bodies, self._places, strict=True):
             x = one.accelerations.of_material(rows)
-            y = x @ (one.force / one.omega[:, None] ** 2).T
+            y = (x @ one.force.T + one.load_forces(loads[k])) / one.omega**2
             parts.append((x @ one.rest + y @ one.force) @ one.C)
             modes.append(y)
         turns = [one.accelerations.omega(rows) for one in self._bodies]
@@ -309,7 +320,10 @@ class FrequencyErrorMonitor:
         self._row = np.vstack([table[-1], row])
         states = (amplitudes @ pose.vectors.T).real
         n = states.shape[1] // 2
-        self._update(pose, np.append(t[0] - h[0], t), states[:, :d], states[:, n : n + d])
+        times = np.append(t[0] - h[0], t)
+        self._since = np.minimum(self._since, times[0])
+        self._update(pose, times, states[:, :d], states[:, n : n + d])
+        self._act_back(times, states[:, d:n])
         end = states[-1]
         rates = pose.shapes @ end[n : n + d] + pose.shape_rates @ end[:d]
         parts = pose.shapes @ end[:d], end[d:n], rates, end[n + d :]
@@ -319,6 +333,18 @@ class FrequencyErrorMonitor:
         """Go to a row of the table without a difference of the motion."""
         self._row = np.vstack([row, np.full_like(row, np.nan)])
         self._state = np.zeros_like(self._state)
+        self._since = np.full(1, np.inf)
+
+    def _act_back(self, t: Array, y: Array) -> None:
+        """Tell the modal basis the vibrations y (t, o) of modes that are left out."""
+        first = 0
+        for one, k in zip(self._bodies, self._places, strict=True):
+            own = y[:, first : first + len(one.omega)]
+            resolved = one.omega * self._interval[0] < MAX_PHASE_STEP
+            since = np.where(resolved, self._since, np.inf)
+            energy = energies_of_vibrations(one.omega, own)
+            self._basis.act_back(k, energy, t, since)
+            first += len(one.omega)
 
     def _update(self, pose: PoseVibrations, t: Array, amplitudes: Array, rates: Array) -> None:
         """Keep the largest change of each sensor."""
@@ -359,41 +385,6 @@ class FrequencyErrorMonitor:
             f"it: sensors.{sensor} is off by about {percent(share)} of its range (t = "
             f"{say(t, 's', 4)}); reduce the body with more modes"
         )
-
-
-def frequency_changes(loss: Array, mass: Array, omega: Array) -> tuple[Array, Array, Array]:
-    """The natural frequency under loads (n,) that fields which are left out lower most, and the
-    part of it (n,) that they take, 1 if all; and what they move by in its shape (n, r).
-
-    `loss` (n, k + r, k + r) is the stiffness that loads take from motions of unit strain energy
-    with frequencies omega (n, k), and from the fields, which follow them statically. In `mass` only
-    that of the fields counts.
-    """
-    k, whole = omega.shape[1], np.eye(loss.shape[1]) - 0.5 * (loss + loss.transpose(0, 2, 1))
-    own, across, rest = whole[:, :k, :k], whole[:, :k, k:], whole[:, k:, k:]
-    follow = np.linalg.solve(rest, across.transpose(0, 2, 1))
-    scale = omega[:, :, None] * omega[:, None]
-    before, shapes = np.linalg.eigh(scale * own)
-    carried = mass[:, :k, k:] @ follow
-    moving = follow.transpose(0, 2, 1) @ mass[:, k:, k:] @ follow
-    moving = np.eye(k) + scale * (moving - carried - carried.transpose(0, 2, 1))
-    masses, axes = np.linalg.eigh(moving)
-    axes /= np.sqrt(masses.clip(_LEAST_MASS))[:, None]
-    stiffness = axes.transpose(0, 2, 1) @ (scale * (own - across @ follow)) @ axes
-    after = np.linalg.eigvalsh(stiffness)
-    buckled = np.linalg.eigvalsh(rest)[:, :1] <= 0.0
-    left = np.where(buckled, 0.0, after.clip(0.0) / np.where(before > 0.0, before, 1.0))
-    lost = np.where(before > 0.0, 1.0 - np.sqrt(left.clip(0.0, 1.0)), 0.0)
-    skewed = np.abs(loss - loss.transpose(0, 2, 1)).max(axis=(1, 2))
-    lost[skewed > _TURNING_SHARE * np.abs(loss).max(axis=(1, 2))] = 0.0
-    most = lost.argmax(axis=1)[:, None]
-    shape = omega * np.take_along_axis(shapes, most[:, None], axis=2)[..., 0]
-    moved = (follow @ shape[..., None])[..., 0]
-    return (
-        np.sqrt(np.take_along_axis(before, most, axis=1)[:, 0].clip(0.0)),
-        np.take_along_axis(lost, most, axis=1)[:, 0],
-        moved,
-    )
 
 
 def _relative_rotations(compiled: Compiled, model: Model) -> list[tuple[int, int]]:

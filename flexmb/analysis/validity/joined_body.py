@@ -283,6 +283,8 @@ def bars_without_stiffening(
         number = int(np.flatnonzero(numbers == columns.iv)[0])
         frame = joined_frame(body, columns.name, model)
         along = (body.nodes.position - body.center) @ axis
+        if np.ptp(along) <= _SAME_PLACE * length:  # a beam that is wider than long
+            continue
         ends = np.linspace(along.min(), along.max(), DIVISIONS + 1)
         across = np.linalg.svd(axis[None])[2][1:]
         middle = _means(body.nodes.position @ across.T, along, ends)

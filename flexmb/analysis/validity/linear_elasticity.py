@@ -416,6 +416,15 @@ def relative_motion(body: FlexBody, frame: JoinedFrame) -> tuple[Array, Array]:
     return relative, (turns - frame.turn).reshape(-1, body.m)
 
 
+def carrier_node(body: FlexBody, rho: Array, Phi_t: Array) -> int:
+    """The mesh node that carries a marker, or -1 - i of interface number i."""
+    for i, part in enumerate(body.interfaces):
+        if np.array_equal(part.position, rho) and np.array_equal(part.Phi_t, Phi_t):
+            return -1 - i
+    assert body.nodes is not None
+    return int(body.nodes.ids[((body.nodes.position - rho) ** 2).sum(axis=1).argmin()])
+
+
 def in_body_axes(p: Array, vectors: Array) -> Array:
     """(t, 3) global vectors in the axes of a body with the Euler parameters p (t, 4)."""
     e0, e = p[:, :1], p[:, 1:]

@@ -35,9 +35,10 @@ from numpy.typing import NDArray
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES
 from flexmb.analysis.linear.linearization import Linearization
 from flexmb.analysis.monitors import Indicator
-from flexmb.analysis.validity.body_accelerations import BodyAccelerations
+from flexmb.analysis.validity.body_accelerations import BodyAccelerations, LackingBody
 from flexmb.analysis.validity.linear_elasticity import (
     JoinedFrame,
+    carrier_node,
     constraint_jacobian,
     flexible_columns,
     in_body_axes,
@@ -47,9 +48,11 @@ from flexmb.analysis.validity.linear_elasticity import (
 )
 from flexmb.analysis.validity.load_factor import LARGEST_ERROR
 from flexmb.analysis.validity.pose_vibrations import (
-    LackingBody,
     OmittedOscillators,
+    energies_of_vibrations,
     errors_at_nodes,
+    most_of_vibrations,
+    update_largest,
 )
 from flexmb.engine import initial_conditions
 from flexmb.engine.allocation import new_run, new_state, new_work
@@ -149,8 +152,10 @@ class ModalBasisMonitor:
         self._settled, self._end = _MIN_SHARE_OF_RUN * whole, whole
         drive = slowest_oscillation(model) if self._bodies else 0.0
         self._oscillators = [OmittedOscillators(one.body, drive) for one in self._bodies]
-        most = max((len(one.omega) for one in self._oscillators), default=0)
+        most = max([1, *(len(one.omega) for one in self._oscillators)])
         self._vibration = np.full((n, most, 5), np.nan)  # state of the omitted modes
+        # Largest energy of each and its time: without acting back, and with, and since when.
+        self._alone, self._acting = np.zeros((n, most, 2)), np.full((n, most, 3), np.inf)
         self._sensors = [
             (
                 [k for k, one in enumerate(compiled.layout.channels) if one.split(".")[0] == name],
@@ -179,7 +184,7 @@ class ModalBasisMonitor:
         if rows.sensors.shape[1]:
             self._least = np.minimum(self._least, rows.sensors.min(axis=0))
             self._most = np.maximum(self._most, rows.sensors.max(axis=0))
-        loads = self._node_loads(rows)
+        loads = self.node_loads(rows)
         for k, one in enumerate(self._bodies):
             eta = rows.q[:, one.columns.iq + 7 : one.columns.iq + 7 + one.columns.m]
             strain = np.einsum("ti,ij,tj->t", eta, one.body.K, eta).max()
@@ -231,20 +236,27 @@ class ModalBasisMonitor:
             force = force + loads @ omitted.loads.T
         oscillators = self._oscillators[k]
         beyond = oscillators.integrate(t, force, self._vibration[k, : len(oscillators.omega)])
-        energy = (oscillators.omega * beyond) ** 2
+        energy = energies_of_vibrations(oscillators.omega, beyond)
+        energy = np.where(energy > one.least * oscillators.omega**2, energy, 0.0)
+        update_largest(self._alone[k], energy, t)
         row, mode = np.unravel_index(int(energy.argmax()), energy.shape)
-        if energy[row, mode] > self._largest[TRUNCATION, 0, k] and (
-            beyond[row, mode] ** 2 > one.least
-        ):
+        if energy[row, mode] > self._largest[TRUNCATION, 0, k]:
             self._update_largest(TRUNCATION, k, energy[row, mode], t[row], float(mode))
 
-    def _node_loads(self, rows: OutputBlock) -> list[Array]:
+    def act_back(self, k: int, energy: Array, t: Array, since: Array) -> None:
+        """Add energies (t, o) of modes of body k that act back on it, as known since times (o,)."""
+        acting = self._acting[k, : len(since)]
+        acting[acting[:, 2] != since, :2] = 0.0
+        acting[:, 2] = since
+        update_largest(acting, energy, t)
+
+    def _vibrations(self, k: int) -> tuple[float, float, int, float]:
+        return most_of_vibrations(self._alone[k], self._acting[k], self._strain[k])
+
+    def node_loads(self, rows: OutputBlock) -> list[Array]:
         """For each body the forces and moments (t, 6 r) at its nodes, in body axes."""
-        loads = []
-        for one in self._bodies:
-            response = one.body.load_response
-            count = 0 if response is None else 6 * len(response.nodes)
-            loads.append(np.zeros((len(rows.t), count)))
+        responses = [one.body.load_response for one in self._bodies]
+        loads = [np.zeros((len(rows.t), 6 * len(one.nodes) if one else 0)) for one in responses]
         if self._work is None:
             return loads
         t, before = self._loads
@@ -280,6 +292,8 @@ class ModalBasisMonitor:
         for k, one in enumerate(self._bodies):
             for what, texts in enumerate((self._inertia, self._load, self._truncation)):
                 missing, t, beside = self._largest[what, :, k]
+                if what == TRUNCATION:
+                    missing, t, beside, _ = self._vibrations(k)
                 whole = self._strain[k] if what == TRUNCATION else self._whole[k]
                 share = 0.0 if early or not missing else float(np.sqrt(missing / whole))
                 text = partial(texts, one, share, t, beside)
@@ -295,7 +309,7 @@ class ModalBasisMonitor:
         if not share or not self._sensors or not self._most.ndim:
             return None
         omega, (forces, motions) = self._oscillators[k].omega[j], one.at_interfaces
-        y, changes = np.sqrt(self._largest[TRUNCATION, 0, k]) / omega, list[float]()
+        y, changes = np.sqrt(self._vibrations(k)[3]) / omega, list[float]()
         for columns, power, beside in self._sensors:
             size = float((self._most - self._least)[columns].max())
             moved, still = y * motions[j], _LEAST_RANGE * self._size * self._slowest**power
@@ -394,7 +408,7 @@ def _monitored_body(
     mine = np.flatnonzero((parts.markers["body"] == number) & (parts.markers["modes"] >= 0))
     for k in mine if loaded or min(nodes, default=0) < 0 else ():
         rho, at = parts.markers["rho"][k], parts.markers["modes"][k]
-        node = _carrier(body, rho, parts.pool[at : at + 3 * m].reshape(3, m))
+        node = carrier_node(body, rho, parts.pool[at : at + 3 * m].reshape(3, m))
         if node in nodes or node >= 0:
             markers.append(int(k))
             places.append(6 * nodes.index(node) if node in nodes else -1)
@@ -433,12 +447,3 @@ def _beyond_omitted_modes(model: Model, bodies: Iterable[_MonitoredBody]) -> dic
                 f"{{ frequency = {1.5 * hertz:.2g} }}"
             )
     return sentences
-
-
-def _carrier(body: FlexBody, rho: Array, Phi_t: Array) -> int:
-    """The mesh node that carries a marker, or -1 - i of interface number i."""
-    for i, part in enumerate(body.interfaces):
-        if np.array_equal(part.position, rho) and np.array_equal(part.Phi_t, Phi_t):
-            return -1 - i
-    assert body.nodes is not None
-    return int(body.nodes.ids[((body.nodes.position - rho) ** 2).sum(axis=1).argmin()])

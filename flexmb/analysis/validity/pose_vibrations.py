@@ -16,7 +16,7 @@ linearised about a state. Modes are followed as these changes grow from nothing 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -27,7 +27,7 @@ from scipy.linalg import block_diag
 from flexmb.analysis.linear.linearization import Linearization, ModeSweep
 from flexmb.analysis.linear.observer import MinimalEquations, RowsAlongMotion, body_axes
 from flexmb.analysis.linear.state_equations import StateEquations, Tangents
-from flexmb.analysis.validity.body_accelerations import BodyAccelerations, Complex
+from flexmb.analysis.validity.body_accelerations import Complex, LackingBody
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, IntArray, skew
@@ -38,89 +38,19 @@ _LEAST_CYCLES = 0.5  # of a vibration in the run
 _GROWTH = 0.02  # of a motion, over its frequency, from which it is unstable
 # Difference of a frequency in body axes from that in space, and drift over the largest, that count.
 _SAME_FREQUENCY, _SMALL_DRIFT = 0.05, 0.05
+_SAME_MODE = 0.01  # difference of frequencies of modes that are left out that are one, over them
 _DAMPING = 0.01  # damping ratio of modes that are left out, which forget the start of a run
-_MAX_PHASE_STEP = 1.0  # phase of a mode between two rows [rad] up to which rows show its excitation
+MAX_PHASE_STEP = 1.0  # phase of a mode between two rows [rad] up to which rows show its excitation
 _MAX_EXPONENT = 50.0  # largest exponent of e within one sum
-# Change of a frequency in a step from the terms of the run to all; numbers of steps; change of
-# first order below which symmetric terms change nothing.
-_STEP, _MIN_STEPS, _MAX_STEPS, _NO_CHANGE = 0.05, 4, 20, 1e-3
+# Change of a frequency in a step from the terms of the run to all; numbers of steps.
+_STEP, _MIN_STEPS, _MAX_STEPS = 0.05, 4, 20
+# Stiffness by turning loads that is not symmetric, over all of them, from which on vibrations
+# without it have no meaning.
+_TURNING_SHARE = 1e-3
+_LEAST_MASS = 1e-9  # of a vibration with fields, over that without them
 # Share of a body in the change of a mode, over the largest, from which on it is its; that of one of
 # its terms from which on it is a cause.
 _OWN_SHARE, _SHARE_OF_CAUSE = 0.5, 0.1
-
-
-@dataclass(frozen=True, eq=False)
-class LackingBody:
-    """A flexible body, with what it lacks under its accelerations.
-
-    These are 12 + m numbers: those of `InertiaResponse`, and of the modal coordinates. Those of its
-    velocity coordinates, in body axes, are C (12 + m, 6 + m) times their rates.
-    """
-
-    columns: BodyColumns
-    body: FlexBody
-    accelerations: BodyAccelerations
-    omega: Array  # (o,) of the modes that are left out, rad/s
-    force: Array  # (o, 12 + m) on them
-    rest: Array  # (12 + m, 12 + m) missing energy besides these
-    C: Array
-
-    @classmethod
-    def of(cls, columns: BodyColumns, body: FlexBody, gravity: Array) -> LackingBody | None:
-        """Of a flexible body; None if its file does not tell."""
-        omitted, m = body.omitted_modes, columns.m
-        if omitted is None:
-            return None
-        C = np.zeros((12 + m, 6 + m))
-        C[:3, :3], C[3:6, 3:6], C[12:, 6:] = np.eye(3), np.eye(3), np.eye(m)
-        C[:3, 3:6] = -skew(body.center)
-        rest = np.zeros((12 + m,) * 2) if omitted.rest is None else omitted.rest
-        force = np.hstack([omitted.inertia, omitted.modes])
-        accelerations = BodyAccelerations(columns, body, gravity)
-        return cls(columns, body, accelerations, 2.0 * np.pi * omitted.frequency, force, rest, C)
-
-    @property
-    def part(self) -> slice:
-        """Its velocity coordinates."""
-        return slice(self.columns.iv, self.columns.iv + 6 + self.columns.m)
-
-    @property
-    def missing(self) -> Array:
-        """(6 + m, 6 + m) R: twice the missing energy by accelerations of the coordinates."""
-        scaled = self.force / self.omega[:, None]
-        return np.asarray(self.C.T @ (self.rest + scaled.T @ scaled) @ self.C)
-
-    def at_interfaces(self, joined: Collection[str]) -> tuple[Array, Array]:
-        """What the modes that are left out do at interfaces, of which some are `joined`.
-
-        Returns
-        -------
-        forces : (o,) array
-            Largest force at a joined one per acceleration of each mode, with all of them at rest.
-        motions : (o,) array
-            Largest motion of one over that of each mode, with none of them at rest.
-        """
-        n, mass, size = 6 + self.body.m, self.accelerations.mass, self.body.characteristic_length
-        sizes = np.where(mass.diagonal() > 0.0, mass.diagonal(), mass[0, 0])
-        unit, none, places = np.eye(3), np.zeros((3, 3)), self.body.interfaces
-        rows = [
-            np.block(
-                [[unit, -skew(one.position), one.Phi_t], [none, size * unit, size * one.Phi_r]]
-            )
-            for one in places
-        ]
-        B, scales = np.vstack([np.zeros((0, n)), *rows]), np.sqrt(mass[0, 0] / sizes)
-        K = block_diag(np.zeros((6, 6)), self.body.K) * np.outer(scales, scales)
-        A = np.block([[K / K.max(), (B * scales).T], [B * scales, np.zeros((len(B),) * 2)]])
-        units = np.linalg.lstsq(A, np.eye(n + len(B))[:, n:], rcond=None)[0][:n]
-        force = self.force @ self.C  # on motions with one unit at an interface, and on free ones
-        pulls, ways = force @ (scales[:, None] * units), force @ self.accelerations.inverse @ B.T
-        pulls, ways = (
-            np.linalg.norm(x.reshape(len(force), len(places), 6)[..., :3], axis=2)
-            for x in (pulls, ways)
-        )
-        at_joints = [one.name in joined for one in places]
-        return pulls.max(axis=1, initial=0.0, where=at_joints), ways.max(axis=1, initial=0.0)
 
 
 class OmittedOscillators:
@@ -169,12 +99,42 @@ class OmittedOscillators:
                 z[first + 1 : first + 1 + block] = np.exp(decay * since) * (
                     z[first] + np.cumsum(kicks[part] * back)
                 )
-            resolved = np.append(begins, w * h < _MAX_PHASE_STEP)[-len(t) :]
+            resolved = np.append(begins, w * h < MAX_PHASE_STEP)[-len(t) :]
             swing = np.abs(follow - follow.mean())[-len(t) :] * self._gain[k]
             beyond[:, k] = np.where(resolved, z.imag[-len(t) :] / decay.imag, swing)
             slope = slopes[-1] if len(slopes) else np.nan
             state[k] = z[-1].real, z[-1].imag, slope, follow[-1], time[-1]
         return beyond
+
+
+def energies_of_vibrations(omega: Array, y: Array) -> Array:
+    """(t, o) twice the energy of vibrations y (t, o), each with those of the same frequency."""
+    same = np.abs(omega[:, None] - omega) < _SAME_MODE * omega
+    return np.asarray((omega * y) ** 2 @ same)
+
+
+def update_largest(largest: Array, values: Array, t: Array) -> None:
+    """Replace largest values and their times (k, 2...) by larger ones among values (t, k)."""
+    rows = values.argmax(axis=0)
+    now = np.column_stack([values.max(axis=0), t[rows]])
+    more = now[:, 0] > largest[: len(now), 0]
+    largest[: len(now), :2][more] = now[more]
+
+
+def most_of_vibrations(
+    alone: Array, acting: Array, strain: float
+) -> tuple[float, float, int, float]:
+    """Energy, time and number of the mode that is left out and vibrates most; energy at sensors.
+
+    Of each are known its largest energy and the time of it, without acting back on the body
+    (o, 2), and with, since a time (o, 3). Acting back it changes the motion instead: at sensors
+    that counts too, up to the energy without, or to the `strain` of the body.
+    """
+    acts = alone[:, 1] >= acting[:, 2]
+    energy = np.where(acts, np.minimum(acting[:, 0], alone[:, 0]), alone[:, 0])
+    most = np.where(acts, np.minimum(alone[:, 0], np.maximum(energy, strain)), alone[:, 0])
+    j = int(energy.argmax())
+    return float(energy[j]), float(alone[j, 1]), j, float(most[j])
 
 
 def errors_at_nodes(
@@ -215,6 +175,41 @@ def errors_at_nodes(
     return np.asarray(np.sqrt(1.0 + share) - 1.0)
 
 
+def frequency_changes(loss: Array, mass: Array, omega: Array) -> tuple[Array, Array, Array]:
+    """The natural frequency under loads (n,) that fields which are left out lower most, and the
+    part of it (n,) that they take, 1 if all; and what they move by in its shape (n, r).
+
+    `loss` (n, k + r, k + r) is the stiffness that loads take from motions of unit strain energy
+    with frequencies omega (n, k), and from the fields, which follow them statically. In `mass` only
+    that of the fields counts.
+    """
+    k, whole = omega.shape[1], np.eye(loss.shape[1]) - 0.5 * (loss + loss.transpose(0, 2, 1))
+    own, across, rest = whole[:, :k, :k], whole[:, :k, k:], whole[:, k:, k:]
+    follow = np.linalg.solve(rest, across.transpose(0, 2, 1))
+    scale = omega[:, :, None] * omega[:, None]
+    before, shapes = np.linalg.eigh(scale * own)
+    carried = mass[:, :k, k:] @ follow
+    moving = follow.transpose(0, 2, 1) @ mass[:, k:, k:] @ follow
+    moving = np.eye(k) + scale * (moving - carried - carried.transpose(0, 2, 1))
+    masses, axes = np.linalg.eigh(moving)
+    axes /= np.sqrt(masses.clip(_LEAST_MASS))[:, None]
+    stiffness = axes.transpose(0, 2, 1) @ (scale * (own - across @ follow)) @ axes
+    after = np.linalg.eigvalsh(stiffness)
+    buckled = np.linalg.eigvalsh(rest)[:, :1] <= 0.0
+    left = np.where(buckled, 0.0, after.clip(0.0) / np.where(before > 0.0, before, 1.0))
+    lost = np.where(before > 0.0, 1.0 - np.sqrt(left.clip(0.0, 1.0)), 0.0)
+    skewed = np.abs(loss - loss.transpose(0, 2, 1)).max(axis=(1, 2))
+    lost[skewed > _TURNING_SHARE * np.abs(loss).max(axis=(1, 2))] = 0.0
+    most = lost.argmax(axis=1)[:, None]
+    shape = omega * np.take_along_axis(shapes, most[:, None], axis=2)[..., 0]
+    moved = (follow @ shape[..., None])[..., 0]
+    return (
+        np.sqrt(np.take_along_axis(before, most, axis=1)[:, 0].clip(0.0)),
+        np.take_along_axis(lost, most, axis=1)[:, 0],
+        moved,
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class OmittedTerms:
     """Terms of one body that the equations linearised about a state leave out.
@@ -247,23 +242,26 @@ class OmittedTerms:
 
 
 def errors_by_omission(
-    made: Linearization, terms: Sequence[OmittedTerms], below: float,
+    made: Linearization, terms: Sequence[OmittedTerms], below: float, least: float,
     counts: Callable[[str, Complex], NDArray[np.bool_]],
 ) -> Iterator[tuple[float, int, list[OmittedTerms]]]:  # fmt: skip
     """Errors of natural frequencies below one [Hz], over those with all terms.
 
     Of each body: the largest error of a mode that it changes, infinite if no such frequency is
     left; the number of the mode, from 0; the terms of the body that change it. `counts` are (k,)
-    which shapes (nv, k) of a body do, without these terms or with them.
+    which shapes (nv, k) of a body do, without these terms or with them. Symmetric terms whose
+    changes of first order are below `least` are not looked at.
     """
     along, seen, followed = RowsAlongMotion(made.compiled, made.state), made.seen, [made]
     every = np.array([one.change(made) for one in terms])
     names = np.array([one.name for one in terms])
     changes = {one: every[names == one].sum(axis=0) for one in dict.fromkeys(names.tolist())}
     largest = np.max(list(changes.values()), axis=0)
-    if largest.max(initial=0.0) < _NO_CHANGE and not any(one.D.any() for one in terms):
+    symmetric, most = not any(one.D.any() for one in terms), every.sum(axis=0).max(initial=0.0)
+    if symmetric and most < least:
         return
-    n = int(np.clip(largest.max(initial=0.0) / _STEP, _MIN_STEPS, _MAX_STEPS))
+    fewest = _MIN_STEPS // 2 if symmetric and most < _STEP else _MIN_STEPS
+    n = int(np.clip(largest.max(initial=0.0) / _STEP, fewest, _MAX_STEPS))
     for share in np.linspace(0.0, 1.0, n + 1)[1:]:
         tangents = made.tangents
         for one in terms:
@@ -325,7 +323,7 @@ class FrequencyDrift:
             speeds += _squares(one.accelerations.mass, v)
             sizes += _squares(one.accelerations.mass, a)
             missing.append(_squares(one.missing, a))
-        damped = np.einsum("ik,ij,jk->k", z.conj(), D, z)
+        damped = (z.conj() * (D @ z)).sum(axis=0)
         by = np.abs(2.0 * values * _squares(np.eye(d), z) + damped)
         shares = np.divide(missing, by, out=np.zeros((len(bodies), 2 * d)), where=by > 0.0)
         squares = np.divide(sizes, speeds, out=np.zeros(2 * d), where=speeds > 0.0)
@@ -438,4 +436,4 @@ def _vibrations(D: Array, K: Array, unit: float) -> tuple[Complex, Complex, Comp
 
 def _squares(form: Array, motions: NDArray[Any]) -> Array:
     """(k,) of motions (n, k) in a quadratic form (n, n)."""
-    return np.asarray(np.einsum("ik,ij,jk->k", motions.conj(), form, motions).real)
+    return np.asarray((motions.conj() * (form @ motions)).sum(axis=0).real)

@@ -55,6 +55,7 @@ from flexmb.units import percent
 if TYPE_CHECKING:
     from flexmb.analysis.validity.deformed_inertia import DeformedInertiaMonitor
 
+_SMALL = 0.5  # change of a frequency, over the smallest that is told, that is not looked at
 _TWICE = 1.0  # error of a frequency above which its size has no meaning
 
 
@@ -85,7 +86,8 @@ class ValidityMonitor:
         self._monitors: tuple[Monitor, ...] = ()  # all of them are of flexible bodies
         linear = not any(map(stretches, model.bodies.values()))  # else frequencies change
         if is_judged and compiled.system.parts.bodies["m"].any():
-            bars = OmittedStiffeningMonitor(compiled, model, q, self._load_factor, is_motion)
+            of = compiled, model
+            bars = OmittedStiffeningMonitor(*of, q, self._load_factor, is_motion)
             self._monitors = (
                 self._elasticity,
                 self._load_factor,
@@ -95,7 +97,7 @@ class ValidityMonitor:
                 *((self._inertia,) if self._inertia else ()),
                 self._basis,
                 *((OmittedVibrationMonitor(compiled, model, q),) if is_motion else ()),
-                *((FrequencyErrorMonitor(compiled, model),) if is_motion and linear else ()),
+                *((FrequencyErrorMonitor(*of, self._basis),) if is_motion and linear else ()),
             )
         self._notes = (
             *loads_without_stiffening(compiled, model),
@@ -251,8 +253,9 @@ def _frequency_errors(
         from flexmb.analysis.validity.deformed_inertia import omitted_coupling
 
         terms += omitted_coupling(made, coupled)
-    errors = list[Indicator]()
-    for error, mode, causes in errors_by_omission(made, terms, below, counts) if terms else ():
+    errors, least = list[Indicator](), _SMALL * LARGEST_SOFTENING
+    every = errors_by_omission(made, terms, below, least, counts) if terms else ()
+    for error, mode, causes in every:
         name = causes[0].name
         where = f" turns with {units.say(turns[name], 'rad/s', 3)}" if name in turns else ""
         what, cures = (

@@ -69,8 +69,9 @@ from flexmb.flexbody.arrays import FloatArray, IntArray
 from flexmb.flexbody.mesh_options import ModesOptions
 from flexmb.progress import Progress, silent
 
-# modes computed beyond those requested, so that no pair of equal frequencies is cut
-_EXTRA_MODES = 2
+# modes computed beyond those requested, so that no pair of equal frequencies is cut, not even that
+# of the first mode that is left out
+_EXTRA_MODES = 4
 # number of omitted modes stored with the body, from which a run estimates their effect
 _MAX_OMITTED = 4
 

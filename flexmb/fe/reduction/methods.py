@@ -189,7 +189,7 @@ def check_options(
     return requested, ratios
 
 
-_METHOD = 17  # version of the method: raise it whenever the same input gives another body
+_METHOD = 18  # version of the method: raise it whenever the same input gives another body
 _DEFAULTS: dict[str, Any] = {
     "reduction": "craig-bampton",
     "mass_matrix": "consistent",

@@ -148,9 +148,9 @@ def put(path, value):
         (lambda f: f.attrs.update(version=99), "file version 99; this flexmb reads 3"),
         (lambda f: f.attrs.pop("mass"), "is damaged"),
         (lambda f: f.pop("inertia/S0"), "dataset inertia/S0 is missing"),
-        (lambda f: f.pop("surface/faces"), "the body inside is not valid"),
+        (lambda f: f.pop("surface/faces"), "the dataset surface/faces is missing"),
         (lambda f: f.__delitem__("frame"), "does not know .frame None"),
-        (lambda f: f.pop("stress_recovery/layers"), "the body inside is not valid"),
+        (lambda f: f.pop("stress_recovery/layers"), "dataset stress_recovery/layers is missing"),
         (put("stress_recovery/part", np.full(42, 3)), "part: points outside the 1 names of parts"),
         (put("stress_recovery/ids", np.arange(42)[::-1]), "ids: must be ascending"),
         (put("stress_recovery/modes", np.full((42, 6, 10), np.nan)), "entries that are not finite"),
@@ -179,6 +179,16 @@ def test_half_of_the_geometric_stiffness_is_refused(tmp_path, half):
         del file[half]
     with pytest.raises(BodyFileError, match="geometric stiffening needs both"):
         load(path)
+
+
+def test_fields_left_out_without_their_mass_are_refused_in_a_sentence(tmp_path):
+    path = save(loaded(), tmp_path / "before.h5")
+    with edit_hdf5(path) as file:
+        del file["omitted_stiffening/mass"]
+    with pytest.raises(BodyFileError) as refused:
+        load(path)
+    what = "is damaged; make it again (the dataset omitted_stiffening/mass is missing)"
+    assert str(refused.value) == f"{path}: {what}"
 
 
 @pytest.mark.parametrize("form", ["stiffness/centrifugal_stiffness", "interfaces/bend"])
