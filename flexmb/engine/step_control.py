@@ -182,6 +182,8 @@ def _max_change(method, settings):
         return 0.0
     if method.collocation > 0 and settings.static_after_step == 0:  # works by its stages
         return (_STAGES_FACTOR * settings.accuracy) ** (1.0 / method.order)
+    if settings.determinate == 0 and settings.stiff == 1:
+        return 0.0  # other steps excite stiff vibrations, and these the accelerations
     return (_WORKS_FACTOR * settings.accuracy) ** (1.0 / min(method.order, 4))
 
 

@@ -81,7 +81,9 @@ class Integration:
         self.plan = new_plan(self.chunk) if plan is None else plan
         self.rows = ChunkRows(compiled, self._max_rows())
         self.time_events = compiled.system.time_events
-        if settings.step == 0.0 and not settings.determinate:
+        # a new begin at a kink excites stiff vibrations, which methods of low order keep long
+        rough = integrator.order < method.HIGH_ORDER and settings.stiff
+        if settings.step == 0.0 and not settings.determinate and not rough:
             kinks = kinks_of_drivers(compiled, settings.end, explicit=integrator.stages > 0)
             events = np.concatenate([self.time_events, kinks])
             self.time_events = events[np.argsort(events[:, 0])]
