@@ -72,8 +72,7 @@ class Compiled:
 
     `flexbodies` are as they are given. `functions` are the functions of time as expressions, by the
     index that the tables use. `contacts` are the joints that can only push: those of cams with
-    their followers. `kinks` (n, 2) are time events as those of the system, for explicit methods
-    only.
+    their followers.
     """
 
     system: System
@@ -81,7 +80,6 @@ class Compiled:
     initial_q: NDArray[np.float64]
     length: float
     flexbodies: Mapping[str, FlexBody]
-    kinks: NDArray[np.float64]
     functions: tuple[Expression, ...] = ()
     contacts: tuple[Contact, ...] = ()
     starts: tuple[Start, ...] = ()  # initial values of the states
@@ -135,7 +133,6 @@ def compile_system(model: Model, flexbodies: Mapping[str, FlexBody] | None = Non
         initial_q,
         length,
         bodies,
-        kinks_of_drivers(tables.lowering.functions.programs, model.dynamics, system),
         functions=tuple(tables.lowering.functions.programs),
         contacts=tuple(curve_points.contacts),
         starts=tables.starts,
@@ -197,6 +194,7 @@ def _system(of: ModelTables, order: EquationOrder) -> System:
         weights=weights,
         row_weights=row_weights(groups, length),
         part=_parts_of_model(order.kkt, len(weights)),
+        driven=np.zeros(len(weights), np.int64),
         functions=functions,
         time_events=time_event_table(
             programs, model.dynamics, set(rows["fun"].tolist()) if follows else set()
@@ -365,18 +363,16 @@ def time_event_table(
     return _both_sides(np.array(events), end)
 
 
-def kinks_of_drivers(
-    programs: Sequence[Expression], spec: DynamicsSpec | None, system: System
-) -> NDArray[np.float64]:
+def kinks_of_drivers(compiled: Compiled, end: float, *, explicit: bool) -> NDArray[np.float64]:
     """(n, 2) times [s] just before and just after jumps of the third derivative of drivers, apart
     from the events of the system. Accelerations have kinks there, behind which methods of high
-    order lose it."""
-    if spec is None or spec.step is not None:
-        return np.zeros((0, 2))
-    end, times = spec.duration, set[float]()
+    order lose it. Those at the ends of rises hardly show in the error of a step from rest: they
+    count for implicit methods, which pass over knots."""
+    system, times = compiled.system, set[float]()
     drivers = set(system.rows["fun"].tolist())
-    for ops in (program.ops for k, program in enumerate(programs) if k in drivers):
-        times.update(derivative_jumps(ops, end, derivatives=3, least_change=_LEAST_CHANGE))
+    least = _LEAST_CHANGE if explicit else np.inf
+    for ops in (program.ops for k, program in enumerate(compiled.functions) if k in drivers):
+        times.update(derivative_jumps(ops, end, derivatives=3, least_change=least))
     kinks = np.array(sorted(times))
     edges = np.concatenate([[0.0], system.time_events[:, 0], [end]])
     after = np.searchsorted(edges, kinks)

@@ -13,6 +13,7 @@ from flexmb.engine.bodies.motion import RELATIVE_ROUND_OFF
 from flexmb.engine.jit import call_value, kernel, unit
 from flexmb.engine.method import HIGH_ORDER, SUCCESS
 from flexmb.engine.state import Run
+from flexmb.engine.step_control import rate_of_driven
 
 # Lower bounds of a scale: this share of the largest one of the same part of the model (methods of
 # low order), and this share of the largest one of the model (all methods).
@@ -20,8 +21,9 @@ _MIN_PART_SHARE, _MIN_MODEL_SHARE = 1e-3, 1e-12
 # Allowed extrapolation error of kinetostatic modes in a step over the accuracy, and its order. In
 # steps shorter than the last share of the run it is a jump that no step size reduces: not counted.
 _STATIC_ERROR_SHARE, _STATIC_ERROR_ORDER, _JUMP_STEP_SHARE = 0.3, 4.0, 1e-6
-# Factor per step by which the recent speed decays; it limits steps that integrate only works.
-_SPEED_DECAY = 0.8
+# Factor per step by which the recent speed decays; it limits steps that integrate only works. So
+# does the rate of driven coordinates, which falls by this share while a phase at it changes by one.
+_SPEED_DECAY, _RATE_DECAY = 0.8, 0.1
 
 
 @unit
@@ -67,6 +69,9 @@ def update_error_scales(run: Run) -> int:
     for i in range(v.shape[0]):
         st.q_scale[i] = max(st.q_scale[i], _MIN_MODEL_SHARE * memory["max_displacement"])
         st.v_scale[i] = max(st.v_scale[i], _MIN_MODEL_SHARE * speed, st.q_scale[i] / span)
+    rate = rate_of_driven(run.system, st, st.vd)
+    past = memory["driven_rate"]
+    memory["driven_rate"] = max(past / (1.0 + _RATE_DECAY * memory["last_step"] * past), rate)
     return SUCCESS
 
 

@@ -101,6 +101,7 @@ INTEGRATOR_MEMORY = np.dtype([
     ("max_velocity", "f8"),  # so far, weighted
     ("recent_speed", "f8"),  # largest weighted velocity, decaying from step to step
     ("usual_speed", "f8"),  # typical weighted velocity, from a coarse run before this one
+    ("driven_rate", "f8"),  # acceleration over velocity of driven coordinates, decaying, 1/s
     ("travel", "f8"),  # sum of weighted velocity times step size
     ("angular_velocity", "f8"),  # largest one at present, rad/s
     ("error_sum", "f8"),  # sum of the local errors over the motion

@@ -77,8 +77,13 @@ _NOISE_RATIO, _NOISE_GROWTH = 1e-6, 1.2
 _VELOCITY_ERROR_FACTOR = 4.0
 # Accepted steps after a rejection until the step size may grow: the estimate oscillates until then.
 _STEPS_WITHOUT_GROWTH = 10.0
-# A step that moves the model by more than this many times `_max_displacement` is repeated shorter.
-_DISPLACEMENT_FACTOR = 2.0
+# A step that changes more than this many times `_max_change` is repeated shorter. Velocities below
+# this share of the largest one of driven coordinates are rest, and so are those that the present
+# acceleration reaches, from rest, over this share of the size of the model.
+_CHANGE_FACTOR, _LEAST_DRIVEN_SHARE, _START = 2.0, 1e-6, 1e-4
+# The power of that change over the error of works from the ends of steps, and from stages: those
+# of a shaken table and a slider-crank are 2 to 6 times, and up to 0.4 times the accuracy off.
+_WORKS_FACTOR, _STAGES_FACTOR = 12.0, 100.0
 # If no more than this share of a planned step is left, the step goes on to the end of the next one.
 _MIN_PLAN_REMAINDER = 0.1
 
@@ -130,7 +135,7 @@ def is_output_due(settings, times, st, t, n):
 
 
 @kernel
-def propose_step(method, settings, plan, time_events, st, times, room, weights):
+def propose_step(method, settings, plan, time_events, st, times, room, sys):
     """Size of the step to try [s]; there is space for `room` more of the outputs at `times`."""
     h = st.memory[0]["next_step"]
     if settings.step > 0.0:
@@ -141,11 +146,7 @@ def propose_step(method, settings, plan, time_events, st, times, room, weights):
     h = min(h, _MAX_STEP_SHARE * (settings.end - settings.start))
     if st.memory[0]["angular_velocity"] > 0.0:
         h = min(h, settings.max_rotation / st.memory[0]["angular_velocity"])
-    most = _max_displacement(method, settings)
-    if most > 0.0 and st.memory[0]["recent_speed"] > 0.0:
-        h = min(h, most / max(st.memory[0]["recent_speed"], st.memory[0]["usual_speed"]))
-        change = weighted_max(st.vd, weights)
-        h = min(h, math.sqrt(2.0 * most / change)) if change > 0.0 else h
+    h = min(h, _longest_step_of_driven(method, settings, sys, st))
     left = next_end(time_events, st.t[0], settings.end) - st.t[0]
     follows = settings.refinement > 0.0
     if follows:
@@ -156,27 +157,65 @@ def propose_step(method, settings, plan, time_events, st, times, room, weights):
 
 
 @kernel
-def _max_displacement(method, settings):
-    """Largest displacement in a step, weighted, where constraints fix the motion; 0: no limit.
-
-    There only the works of drivers and forces are integrated. Their error grows with the power of
-    the displacement that the order of the method gives.
-    """
-    if settings.determinate == 0 or (method.stages > 0 and settings.static_after_step == 0):
-        return 0.0
-    return (12.0 * settings.accuracy) ** (1.0 / min(method.order, 4))
+def _longest_step_of_driven(method, settings, sys, st):
+    """Longest step for what constraints alone move [s]; the last one, if it is hardly longer."""
+    memory, most, longest = st.memory[0], _max_change(method, settings), math.inf
+    if most > 0.0 and memory["driven_rate"] > 0.0:
+        longest = most / memory["driven_rate"]
+    if settings.determinate == 1 and most > 0.0 and memory["recent_speed"] > 0.0:
+        longest = min(longest, most / max(memory["recent_speed"], memory["usual_speed"]))
+        change = weighted_max(st.vd, sys.weights)
+        longest = min(longest, math.sqrt(2.0 * most / change)) if change > 0.0 else longest
+    last = memory["last_step"]
+    return last if last <= longest < _GROW_ABOVE * last else longest
 
 
 @kernel
-def exceeds_max_displacement(method, settings, speed, h):
-    """Whether a controlled step moved too far for its works, as if a driver jumps within it.
+def _max_change(method, settings):
+    """Largest change in a step where constraints fix the motion; 0: no limit.
 
-    `speed` is the largest weighted velocity at the end of the step, of size h.
+    It is that of velocities over their scales and, if all of the model is fixed, the weighted
+    displacement. There only the works of drivers and forces are integrated. Their error grows with
+    the power of the change that the order of the method gives.
     """
-    most, span = _max_displacement(method, settings), settings.end - settings.start
-    if most == 0.0 or settings.refinement > 0.0:
+    if method.stages > 0 and settings.static_after_step == 0:
+        return 0.0
+    if method.collocation > 0 and settings.static_after_step == 0:  # works by its stages
+        return (_STAGES_FACTOR * settings.accuracy) ** (1.0 / method.order)
+    if settings.determinate == 0 and settings.stiff == 1:
+        return 0.0  # other steps excite stiff vibrations, and these the accelerations
+    return (_WORKS_FACTOR * settings.accuracy) ** (1.0 / min(method.order, 4))
+
+
+@kernel
+def exceeds_max_change(run, h):
+    """Whether a controlled step of size h changed too much for its works.
+
+    So it is if a driver jumps within it, or begins to move.
+    """
+    settings, tr = run.settings, run.work.trial
+    most, span = _max_change(run.method, settings), settings.end - settings.start
+    if most == 0.0 or settings.refinement > 0.0 or h <= _KINK_SHARE * span:
         return False
-    return h > _KINK_SHARE * span and speed * h > _DISPLACEMENT_FACTOR * most
+    change = h * rate_of_driven(run.system, run.state, tr.vd)
+    if settings.determinate == 1:
+        change = max(change, h * weighted_max(tr.v, run.system.weights))
+    return change > _CHANGE_FACTOR * most
+
+
+@kernel
+def rate_of_driven(sys, st, vd):
+    """Largest acceleration of driven coordinates over their largest velocities so far [1/s]."""
+    largest, rate = 0.0, 0.0
+    for i in range(vd.shape[0]):
+        if sys.driven[i] == 1:
+            largest = max(largest, st.v_scale[i])
+    for i in range(vd.shape[0]):
+        if sys.driven[i] == 1:
+            change = sys.weights[i] * abs(vd[i])
+            start = math.sqrt(_START * change)
+            rate = max(rate, change / max(st.v_scale[i], _LEAST_DRIVEN_SHARE * largest, start))
+    return rate
 
 
 @kernel

@@ -277,6 +277,7 @@ class System(NamedTuple):
     weights: Vector  # (nv,) factors that make increments of the velocity coordinates dimensionless
     row_weights: Vector  # (nc,) factors that make the constraint rows dimensionless
     part: Integers  # (nv,) part of the model, connected by equations, of each velocity coordinate
+    driven: Integers  # (nv,) 1: constraints alone fix it, in a run with drivers
     functions: FunctionTable
     time_events: Matrix  # (n, 2) times just before and after jumps of functions, in order
     sensors: Sensors

@@ -122,21 +122,19 @@ def advance(run: Run, room: int) -> int:
         status = cross_time_event(run, _tangent_factor(run))
         if status != SUCCESS:
             return status
-        if settings.static_after_step == 1 and st.t[0] > before:
-            _begin_deformation(run)
+        if st.t[0] > before:
+            st.memory[0]["driven_rate"] = step_control.rate_of_driven(run.system, st, st.vd)
+            if settings.static_after_step == 1:
+                _begin_deformation(run)
     while True:
         h = step_control.propose_step(
-            run.method, settings, run.plan, time_events, st, run.times, room, run.system.weights
+            run.method, settings, run.plan, time_events, st, run.times, room, run.system
         )
         status = call_step(units[0], run, coefficients[0], h)
         if status == SUCCESS:
             status = run_stage(run.stages.limits, run, run.trial_point)
-        if status == SUCCESS and settings.step == 0.0:  # a fixed step may contain a driver jump
-            speed = weighted_max(run.work.trial.v, run.system.weights)
-            if rotates_too_far(run, h) or step_control.exceeds_max_displacement(
-                run.method, settings, speed, h
-            ):
-                status = NO_CONVERGENCE
+        if status == SUCCESS and _changes_too_much(run, h):
+            status = NO_CONVERGENCE
         verdict = step_control.judge_step(run.method, settings, st, error, status, h)
         if verdict == SUCCESS:
             if has_inner_event(run, h) == 1:
@@ -152,6 +150,14 @@ def advance(run: Run, room: int) -> int:
 
 
 @kernel
+def _changes_too_much(run, h):
+    """Whether a controlled step turned or moved too far; a fixed one may contain a driver jump."""
+    if run.settings.step > 0.0:
+        return False
+    return rotates_too_far(run, h) or step_control.exceeds_max_change(run, h)
+
+
+@kernel
 def _begin_deformation(run):
     """Start kinetostatic modes without a past, with points ahead within the next step."""
     st, settings, sys, plan = run.state, run.settings, run.system, run.plan
@@ -159,7 +165,7 @@ def _begin_deformation(run):
         h = step_control.initial_step(sys, settings, st)
     else:
         h = step_control.propose_step(
-            run.method, settings, plan, sys.time_events, st, run.times, 1, sys.weights
+            run.method, settings, plan, sys.time_events, st, run.times, 1, sys
         )
     begin_deformation(run, h, 0.1 * (settings.end - st.t[0]), _tangent_factor(run))
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 
 import numpy as np
@@ -379,6 +379,22 @@ def constraint_rank(compiled: Compiled, work: Work) -> int | None:
         return None
     A = WeightedJacobian.of(compiled, DenseJacobian(compiled).of(work)).A
     return numerical_rank(np.asarray(np.linalg.svd(A, compute_uv=False)))
+
+
+@one_blas_thread()
+def with_driven_coordinates(compiled: Compiled, work: Work) -> Compiled:
+    """The model with flags of coordinates that its rows fix, if some follow functions of time.
+
+    `work` is the scratch that a state was evaluated at; none of a model of more than
+    `MAX_COORDINATES`.
+    """
+    if not (compiled.system.rows["fun"] >= 0).any() or n_free(compiled) > MAX_COORDINATES:
+        return compiled
+    jacobian = WeightedJacobian.of(compiled, DenseJacobian(compiled).of(work))
+    moves = np.abs(null_space(jacobian.A)).max(axis=1, initial=0.0)
+    driven = np.zeros(compiled.layout.nv, np.int64)
+    driven[jacobian.columns[moves < RANK_TOLERANCE]] = 1
+    return replace(compiled, system=compiled.system._replace(driven=driven))
 
 
 def n_free(compiled: Compiled) -> int:

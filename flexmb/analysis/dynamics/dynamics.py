@@ -11,7 +11,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from flexmb.analysis.assembly.initial_state import Assembled, StartValues, assemble
-from flexmb.analysis.assembly.jacobian import constraint_rank, n_free
+from flexmb.analysis.assembly.jacobian import constraint_rank, n_free, with_driven_coordinates
 from flexmb.analysis.assembly.static_mode_selection import is_determinate
 from flexmb.analysis.chunked_run import Ending, Outcome, Sink, assemble_first_state, run_chunks
 from flexmb.analysis.dynamics.impacts import MissedPeaks, slow_impacts
@@ -129,7 +129,7 @@ def prepare_dynamics(
     units = integration_units(compiled.system, integrator)
     first, timer = assemble_first_state(compiled, units, first_state, progress)
     assembled, rank, not_unique, redundancy = first
-    compiled = assembled.compiled
+    compiled = with_driven_coordinates(assembled.compiled, assembled.work)
     settings = loop_settings(compiled, spec, integrator, is_determinate(compiled, rank))
     if spec.method != AUTO and integrator.stages and not settings.determinate:
         for lost in lost_inertias(model):

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from flexmb.analysis.assembly.body_damping import add_damping
-from flexmb.analysis.assembly.jacobian import constraint_rank
+from flexmb.analysis.assembly.jacobian import constraint_rank, with_driven_coordinates
 from flexmb.analysis.assembly.static_mode_selection import choose_static_modes, is_determinate
 from flexmb.analysis.chunked_run import PhaseTimer
 from flexmb.analysis.dynamics.passes import PASSES, PreparedDynamics, prepared_run
@@ -61,7 +61,7 @@ def prepare_resumed(
     integrator = make_integrator(spec, name)
     units = prepare_integration(compiled.system, integrator, progress)
     timer.lap("compile" if units else "load")
-    first, rank = _first_pose(compiled, arrays, result, rows)
+    compiled, first, rank = _first_pose(compiled, arrays, result, rows)
     if "first_q" in arrays:
         compiled, _ = add_damping(choose_static_modes(compiled, first), model, first)
     settings = loop_settings(compiled, spec, integrator, is_determinate(compiled, rank))
@@ -112,13 +112,14 @@ def _restore(prepared: PreparedDynamics, arrays: dict[str, np.ndarray], result: 
 
 def _first_pose(
     compiled: Compiled, arrays: dict[str, np.ndarray], result: Result, rows: int
-) -> tuple[np.ndarray, int | None]:
-    """Positions (nq,) of the first row, and the rank of the constraints there."""
+) -> tuple[Compiled, np.ndarray, int | None]:
+    """The model at the first row, positions (nq,), and the rank of the constraints there."""
     first = new_state(compiled.system, len(compiled.layout.channels))
     try:
         first.q[:], first.v[:] = arrays["first_q"], arrays["first_v"]
     except (KeyError, ValueError):
-        return first.q, None  # a file of another version, which `_restore` reports
+        return compiled, first.q, None  # a file of another version, which `_restore` reports
     work = new_work(compiled.system)
     solve_stage(compiled.system, first, work, ACCELERATIONS)
-    return first.q, constraint_rank(compiled, work)
+    rank = constraint_rank(compiled, work)
+    return with_driven_coordinates(compiled, work), first.q, rank
