@@ -92,6 +92,23 @@ def rows_behind_jumps(compiled: Compiled, t: Array) -> list[int]:
     return sorted(rows)
 
 
+def rows_beside_brief_changes(compiled: Compiled, duration: float, n: int, most: int) -> int:
+    """The first number of intervals from `n` up to `most` that puts no row within a brief change.
+
+    Such a change of a load takes less than an interval. A row within it shows a motion that no
+    other row resolves. `n` if there is no such number.
+    """
+    brief = [
+        (begin, end)
+        for times, load, size in kinked_functions(compiled, duration)
+        for begin, end in pairwise(times)
+        if end - begin < duration / n and abs(load(end) - load(begin)) > _MIN_JUMP * size
+    ]
+    ends = np.array(brief).reshape(-1, 2) / duration + _SIDE_DISTANCE * np.array([1.0, -1.0])
+    free = (k for k in range(n, most + 1) if np.all(np.ceil(ends[:, 0] * k) > ends[:, 1] * k))
+    return next(free, n)
+
+
 class Pulse(NamedTuple):
     """A pulse between the stages of fixed steps."""
 

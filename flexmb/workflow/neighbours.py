@@ -275,6 +275,7 @@ def resolved_motion(
         tried with `most_rows` first.
     """
     from flexmb.analysis.effects.stored_motion import read_motion
+    from flexmb.analysis.functions_of_time import rows_beside_brief_changes
     from flexmb.model.excitation import driving_frequencies
 
     rows, thinned, notes = motion, motion.thinned(most_rows), []
@@ -294,6 +295,7 @@ def resolved_motion(
             continue
         n = min(max(wanted, rows_before - 1), most - 1)
         if finer > 1.0 and n > len(rows.t) and model.dynamics is not None and run is not None:
+            n = rows_beside_brief_changes(compiled, float(motion.t[-1]), n, most - 1)
             other = copy.copy(model)
             other.dynamics = model.dynamics.model_copy(update={"outputs": n})
             try:
