@@ -350,7 +350,7 @@ def _combine_points(points: tuple[_Point, ...], Z: FloatArray) -> tuple[_Point, 
 
 def _combined(forms: FloatArray | None, Z: FloatArray) -> FloatArray | None:
     """Zᵀ forms Z (..., k, k) of forms (..., m, m)."""
-    return None if forms is None else np.asarray(Z.T @ forms @ Z)
+    return None if forms is None else _symmetric(Z.T @ forms @ Z)
 
 
 def _combine_recovery(body: FlexBody, Z: FloatArray) -> dict[str, Any]:
@@ -417,7 +417,7 @@ def _bend_in_plane(bend: FloatArray, n: FloatArray) -> FloatArray:
 
 
 def _symmetric(matrix: FloatArray) -> FloatArray:
-    return np.asarray(0.5 * (matrix + matrix.T))
+    return np.asarray(0.5 * (matrix + matrix.swapaxes(-1, -2)))
 
 
 def _hertz(omega2: Iterable[float]) -> list[float]:

@@ -19,7 +19,10 @@ from scipy.linalg import eigh
 from shellkit import sheet
 
 import flexmb
+from flexmb.analysis.assembly.initial_state import StartValues
 from flexmb.analysis.linear.linearization import ModeSweep
+from flexmb.analysis.validity.validity_monitor import _without_vibrations
+from flexmb.engine.compile import compile_system
 from flexmb.fe import rectangle, reduce, shell
 from flexmb.model import Model
 from flexmb.workflow.linearize import sweep_modes
@@ -303,3 +306,15 @@ def test_a_blade_of_one_mode_runs():
     words = {"geometric_stiffening": "full", "frame": "interface root"}
     made = flexmb.linearize(rotor(SQUARE, 0.2, body=body, **words))
     assert np.abs(made.frequencies / ritz(SQUARE, 0.2)[[0, 3]].max() - 1).min() < 0.01
+
+
+def test_the_state_without_vibrations_leaves_that_of_the_run():
+    """Its modal velocities were set to zero in the rows that the monitor keeps."""
+    model = rotor(SQUARE, 1.0, modes=2)
+    compiled = compile_system(model)
+    v = np.zeros(compiled.layout.nv)
+    v[-2:] = 0.1
+    begin = StartValues(compiled.initial_q, v.copy())
+    made = _without_vibrations(compiled, model, begin, "blade0")
+    assert np.abs(made.state.v[-2:]).max() < 1e-6
+    np.testing.assert_array_equal(begin.v, v)

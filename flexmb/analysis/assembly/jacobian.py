@@ -38,6 +38,7 @@ degrees of freedom, which only reduces the accuracy of reported reactions."""
 RANK_TOLERANCE = 1e-8
 """Singular values below this share of the largest one are zero; round-off leaves 1e-13."""
 _ZERO_COEFFICIENT = 1e-7  # share of the largest coefficient of a circuit that is round-off
+_ASIDE = 0.01  # size of the motion to a pose at which no coordinate is at its dead point
 
 
 @contextmanager
@@ -382,16 +383,20 @@ def constraint_rank(compiled: Compiled, work: Work) -> int | None:
 
 
 @one_blas_thread()
-def with_driven_coordinates(compiled: Compiled, work: Work) -> Compiled:
+def with_driven_coordinates(compiled: Compiled, q: Array) -> Compiled:
     """The model with flags of coordinates that its rows fix, if some follow functions of time.
 
-    `work` is the scratch that a state was evaluated at; none of a model of more than
-    `MAX_COORDINATES`.
+    They are fixed at the closed positions q (nq,), and beside them along the free motions: the
+    height of a pendulum at the bottom is not. None of a model of more than `MAX_COORDINATES`.
     """
     if not (compiled.system.rows["fun"] >= 0).any() or n_free(compiled) > MAX_COORDINATES:
         return compiled
-    jacobian = WeightedJacobian.of(compiled, DenseJacobian(compiled).of(work))
-    moves = np.abs(null_space(jacobian.A)).max(axis=1, initial=0.0)
+    rows = ConstraintRows(compiled)
+    jacobian = rows.evaluate(q).jacobian
+    free = null_space(jacobian.A)
+    aside = _ASIDE * free @ np.cos(np.arange(free.shape[1]))[:, None]  # not along one motion alone
+    beside = rows.evaluate(rows.move(q, jacobian.velocities(aside)[:, 0])).jacobian
+    moves = np.abs(np.hstack([free, null_space(beside.A)])).max(axis=1, initial=0.0)
     driven = np.zeros(compiled.layout.nv, np.int64)
     driven[jacobian.columns[moves < RANK_TOLERANCE]] = 1
     return replace(compiled, system=compiled.system._replace(driven=driven))

@@ -129,7 +129,7 @@ def prepare_dynamics(
     units = integration_units(compiled.system, integrator)
     first, timer = assemble_first_state(compiled, units, first_state, progress)
     assembled, rank, not_unique, redundancy = first
-    compiled = with_driven_coordinates(assembled.compiled, assembled.work)
+    compiled = with_driven_coordinates(assembled.compiled, assembled.state.q)
     settings = loop_settings(compiled, spec, integrator, is_determinate(compiled, rank))
     if spec.method != AUTO and integrator.stages and not settings.determinate:
         for lost in lost_inertias(model):

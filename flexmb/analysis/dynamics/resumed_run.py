@@ -122,4 +122,4 @@ def _first_pose(
     work = new_work(compiled.system)
     solve_stage(compiled.system, first, work, ACCELERATIONS)
     rank = constraint_rank(compiled, work)
-    return with_driven_coordinates(compiled, work), first.q, rank
+    return with_driven_coordinates(compiled, first.q), first.q, rank

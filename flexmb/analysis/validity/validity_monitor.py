@@ -284,9 +284,10 @@ def _without_vibrations(
 
     They are written in the axes of a body.
     """
+    v = begin.v.copy()
     for columns, _ in flexible_columns(compiled):
-        begin.v[columns.iv + 6 : columns.iv + 6 + columns.m] = 0.0
-    state = assemble(compiled, model, begin=begin._replace(vibrates=False)).state
+        v[columns.iv + 6 : columns.iv + 6 + columns.m] = 0.0
+    state = assemble(compiled, model, begin=begin._replace(v=v, vibrates=False)).state
     tangents = StateEquations(compiled, state).tangents()
     seen = MinimalEquations(RowsAlongMotion(compiled, state), tangents, observer)
     return Linearization(compiled, model, state, tangents, seen, 0.0, ())

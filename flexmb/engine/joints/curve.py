@@ -79,9 +79,9 @@ def _divide_curve(shape: CurveShape, per_break: int) -> Pieces:
     nodes = _by_length(shape.at(u))
     nodes[-1] = nodes[0 if shape.closed else -1]
     first, last = nodes[:-1].copy(), nodes[1:].copy()
-    at = per_break * np.arange(1, len(b) - 1)  # breaks, where the curvature may jump
-    for sides, k, side in ((first, at, _ASIDE), (last, at - 1, -_ASIDE)):
-        sides[k, 2] = _by_length(shape.at(b[1:-1] + side * (u[k + 1] - u[k])))[:, 2]
+    k = np.arange(per_break, len(first) + shape.closed, per_break)  # breaks: the curvature may jump
+    for sides, i, side in ((first, k % len(first), _ASIDE), (last, k - 1, 1.0 - _ASIDE)):
+        sides[i, 2] = _by_length(shape.at(u[i] + side * (u[i + 1] - u[i])))[:, 2]
     middle, quarter = (share * u[1:] + (1.0 - share) * u[:-1] for share in (0.5, 0.25))
     half = _arc_lengths(shape, u[:-1], middle)
     pieces = Pieces(ends, _hermite(first, last, lengths, _by_length(shape.at(middle))[:, :2], half))

@@ -18,6 +18,7 @@ from flexmb.analysis.assembly.jacobian import (
     n_free,
     null_space,
     numerical_rank,
+    with_driven_coordinates,
 )
 from flexmb.engine.compile import compile_system
 from flexmb.flexbody import Interface
@@ -138,3 +139,19 @@ def test_velocities_of_free_motions_leave_all_rows_at_rest():
     v = jacobian.velocities(jacobian.decomposition.free)
     assert v.shape == (compiled.layout.nv, 1) and np.abs(v).max() > 0.1
     np.testing.assert_allclose(pose.Cq @ v, 0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("angle", [0.0, 0.3, np.pi / 2])
+def test_a_dead_point_of_a_free_motion_is_not_driven(angle):
+    """Steps were limited by accelerations of a pendulum that began at the bottom or level."""
+    made, place = flexmb.Model("pendulum"), np.array([np.sin(angle), 0.0, -np.cos(angle)])
+    made.add_body("table", mass=2.0, inertia=[0.01] * 3)
+    made.add_joint("rail", "prismatic", between=["ground", "table"], axis="z")
+    made.add_driver("motor", joint="rail", stroke="0.02*sin(40*t)")
+    made.add_body("bob", mass=1.0, inertia=[0.01] * 3, position=place.tolist())
+    made.add_marker("bob.top", position=(-place).tolist())
+    made.add_joint("hinge", "revolute", between=["ground", "bob.top"], axis="y")
+    compiled = compile_system(made)
+    flags = with_driven_coordinates(compiled, compiled.initial_q).system.driven
+    # of the bob: across the plane, and the other two axes of rotation
+    assert flags.tolist() == [1] * 6 + [0, 1, 0, 1, 0, 1]
