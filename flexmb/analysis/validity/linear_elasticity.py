@@ -51,6 +51,7 @@ _SOFTENING = 0.6  # share of the first frequency of a cantilever that is lost, o
 LEAST_SPEED = (LARGEST_SOFTENING / _SOFTENING) ** 0.5
 # Such a speed below which nothing else tells it either; over the largest, that of a row as fast.
 _SLOW, _SAME_SPEED = 0.4 * LEAST_SPEED, 0.98
+_MOST_STATES = 4  # in which changes of frequencies are computed; of other bodies the speed tells
 _MAX_POINTS = 64  # largest number of points of a body that are monitored
 _MIN_AMPLITUDE = 0.05  # amplitude of a mode over the largest one, if the motion contains it
 _ZERO_FREQUENCY = 1e-5  # frequency over the highest one below which a motion is free
@@ -155,11 +156,16 @@ class LinearElasticityMonitor:
                         self._fastest[k] = np.hstack([rows.t[row], rows.q[row], rows.v[row]])
 
     def fast_states(self) -> Iterator[tuple[StartValues, list[str]]]:
-        """States in which bodies rotate fast that leave out terms of rotation; their names."""
+        """States in which bodies rotate fast that leave out terms of rotation; their names.
+
+        Of the fastest bodies, since each state takes a linearisation of the whole model.
+        """
         fast = [(self._ratio(k), k) for k in range(len(self._bodies))]
         left = [k for ratio, k in sorted(fast, reverse=True) if ratio > _SLOW]
         left = [k for k in left if not self._has_all_terms(k)]
-        while left:
+        for _ in range(_MOST_STATES):
+            if not left:
+                return
             t, q, v = np.split(self._fastest[left[0]], [1, 1 + self._nq])
             names, rest = [left[0]], list[int]()
             for k in left[1:]:
