@@ -149,6 +149,7 @@ def test_an_unknown_curve_is_told_with_the_nearest():
     assert problem.where == "joints.contact.curve" and problem.nearest == ("profile",)
 
 
+@pytest.mark.seconds
 def test_a_roller_too_large_for_a_hollow_curve_is_told():
     hollow = {"polar": "1 + 0.3*cos(4*t)", "closed": True}
     fits, large = (cam("cam-roller", hollow, radius=r) for r in (0.1, 0.3))

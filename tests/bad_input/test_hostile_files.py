@@ -96,6 +96,7 @@ def ring(file: h5py.File, secret: Path) -> None:
     file["inertia/again"] = file["inertia"]  # a hard link: the group is inside itself
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     ("attack", "sentence"),
     [

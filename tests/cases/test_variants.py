@@ -26,6 +26,7 @@ def test_the_four_bar_without_geometric_stiffening_bows_otherwise(tmp_path: Path
     assert np.abs(bow).max() / 4.9e-3 == pytest.approx(0.15, abs=0.02)
 
 
+@pytest.mark.seconds
 def test_the_misaligned_four_bar_locks_when_it_is_rigid(tmp_path: Path) -> None:
     rigid = {f"bodies.{name}.deformation": "rigid" for name in ("crank", "coupler", "rocker")}
     with pytest.raises(FlexmbError, match=r"locked|nothing to drive"):

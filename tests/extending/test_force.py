@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from extending import Extension
 
 CYCLES = """
@@ -36,6 +38,7 @@ print(np.abs(result["stored"] - np.square(expected) / (2 * k)).max())
 """
 
 
+@pytest.mark.seconds
 def test_a_new_force_with_memory_follows_its_history(tmp_path: Path) -> None:
     force, energy = Extension("force", tmp_path).run(CYCLES).split()
     assert float(force) < 1e-9

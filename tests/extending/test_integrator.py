@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
 from extending import Extension
 
 PENDULUM = """
@@ -27,6 +29,7 @@ print(result.statistics["measured_error_of_positions"])
 """
 
 
+@pytest.mark.seconds
 def test_a_new_integrator_has_its_order_and_reaches_an_accuracy(tmp_path: Path) -> None:
     long, short, error, measured = map(
         float, Extension("integrator", tmp_path).run(PENDULUM).split()

@@ -26,6 +26,7 @@ print(result["speed"][0], result["speed"][-1], result.unit("speed"))
 """
 
 
+@pytest.mark.seconds
 def test_a_new_sensor_is_recorded_and_acts(tmp_path: Path) -> None:
     """m v' = -c v², so 1/v grows by c t/m."""
     difference, first, last, unit = Extension("sensor", tmp_path).run(DRAG).split()

@@ -139,6 +139,7 @@ def path(make, factors, method):
     return run(make, factors, method, step=Units(*factors)(step, T=1))[1]
 
 
+@pytest.mark.seconds
 @pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("make", [swinging_linkage, bouncing_ball, driven_beam])
@@ -165,6 +166,7 @@ def test_machines_of_all_sizes_take_the_same_steps(make, method):
         assert np.abs(force - friction).max() < 1e-8 * np.abs(friction).max(), (L, M, T)
 
 
+@pytest.mark.seconds
 @pytest.mark.filterwarnings("ignore::flexmb.FlexmbWarning")
 @pytest.mark.parametrize("method", ["radau", pytest.param("generalized-alpha", marks=SLOW)])
 @pytest.mark.parametrize("size", [1e-6, 1e3])

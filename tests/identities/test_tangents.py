@@ -57,6 +57,7 @@ def test_position_tangent(bench):
     close(tangent, np.array(columns).T)
 
 
+@pytest.mark.seconds
 def test_rows_of_all_kinds_occur():
     """Over all mechanisms of these tests."""
     kinds = set()

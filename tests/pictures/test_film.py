@@ -120,6 +120,7 @@ def test_every_frame_lies_in_the_view_of_the_whole_motion(run: Path) -> None:
     assert first.scale.largest == pytest.approx(largest, rel=1e-12)
 
 
+@pytest.mark.seconds
 def test_a_followed_body_stays_in_its_place(run: Path) -> None:
     shot = _shot(run, 25.0, 0.02, follow="slider", exaggeration=1)
     mechanism = Mechanism(Result(run))
@@ -140,6 +141,7 @@ def test_a_film_lasts_as_its_speed_says(spinning: Path) -> None:
     assert plan(result, 25.0, 4.0, 0, 1).words == "4 times faster"
 
 
+@pytest.mark.seconds
 def test_a_rotation_that_the_frames_show_otherwise_is_reported(
     spinning: Path, tmp_path: Path
 ) -> None:
@@ -283,6 +285,7 @@ def test_frames_of_a_long_run_are_read_one_by_one(
     assert "q" not in lean._tables
 
 
+@pytest.mark.seconds
 def test_a_film_of_modes_swings_to_both_sides(run: Path, tmp_path: Path) -> None:
     body = run.parent / "rod.flexbody.h5"
     path = film_modes(body, 1, fps=4, size=(320, 180), processes=1, output=tmp_path / "m.gif")

@@ -26,6 +26,7 @@ def test_a_picture_is_shown_and_leaves_no_file(result: Result) -> None:
     assert sorted(result.path.parent.iterdir()) == files
 
 
+@pytest.mark.seconds
 def test_a_film_is_shown(result: Result) -> None:
     html = result.animation(end=0.004, speed=0.02, size=(160, 90), processes=1)._repr_html_()
     kind, text = re.search(r'src="data:(\S+);base64,([^"]+)"', html).groups()

@@ -32,6 +32,7 @@ def _drawn(picture: np.ndarray) -> np.ndarray:
     return np.abs(picture - picture[2, 2]).max(axis=2) > 0.1
 
 
+@pytest.mark.seconds
 def test_the_picture_shows_the_mechanism(result: Result, tmp_path: Path, drawn_by: str) -> None:
     picture = _pixels(render(result, output=tmp_path / "a.png", size=(800, 450)))
     assert picture.shape[:2] == (450, 800)
@@ -53,6 +54,7 @@ def test_time_and_exaggeration_change_the_picture(result, tmp_path: Path, drawn_
     assert (_drawn(first) != _drawn(plain)).mean() > 0.005
 
 
+@pytest.mark.seconds
 def test_the_simple_picture_says_what_is_missing(result, tmp_path: Path, without_vtk) -> None:
     picture = _pixels(render(result, output=tmp_path / "a.png", size=(800, 450)))
     assert _drawn(picture)[-30:].mean() > 0.005

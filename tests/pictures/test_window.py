@@ -66,6 +66,7 @@ def test_without_a_desktop_a_window_is_refused(run: Path, monkeypatch) -> None:
         window.open_window(run)
 
 
+@pytest.mark.seconds
 def test_the_command_writes_a_page_where_there_is_no_desktop(
     run: Path, tmp_path: Path, monkeypatch
 ) -> None:

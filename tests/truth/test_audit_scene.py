@@ -62,6 +62,7 @@ def test_a_stop_that_is_never_met_may_stay_off(tmp_path):
     assert made.passed
 
 
+@pytest.mark.seconds
 def test_a_stop_that_is_hit_is_needed(tmp_path):
     _, _, one = audited(pendulum(True), "stops", tmp_path)
     assert one.on and one.verdict == "needed" and "passed by 0.0" in one.indicator
@@ -289,6 +290,7 @@ def test_gravity_that_is_the_whole_motion_contributes_all_of_it(tmp_path):
     assert one.shares["pin"] == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.seconds
 def test_a_stop_that_turns_a_pendulum_back_is_told_by_a_run_without(tmp_path):
     model = pendulum(True, lower=-1.0)
     run, _, one = audited(model, "stops", tmp_path)

@@ -181,6 +181,7 @@ def test_a_harmonic_line_load_excites_a_beam_between_pins(ratio):
     assert found.mismatch() < 1e-4 * found.stored("strain").max()
 
 
+@pytest.mark.seconds
 def test_its_own_weight_buckles_a_column():
     """The lowest eigenvalue of the modes that its root holds is zero at q = 7.8373."""
     body = beam([-1, 0, 0], frame="root", geometric_stiffening="full")

@@ -251,6 +251,7 @@ def test_the_load_factors_of_many_rows_are_those_of_each(monkeypatch):
     np.testing.assert_allclose(monitor._values(rows, some)[0][:, 0], values[some], rtol=1e-9)
 
 
+@pytest.mark.seconds
 def test_equal_columns_of_a_frame_buckle_together(exactly_told):
     """Row by row one or the other was named, and the mean of each was half of the load factor."""
     model, middle = Model("frame"), column().interface("root").position

@@ -48,6 +48,7 @@ def truth(angles, t):
     return {"end.x": L * np.sin(a) + P * np.sin(b), "end.y": -L * np.cos(a) - P * np.cos(b)}
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(("angles", "duration"), [((2.83, 1.08), 10.0), ((1.48, 1.8), 11.0)])
 def test_the_pass_before_shows_what_cancels_in_the_comparison_run(angles, duration):
     """0.04 and 0.11 of the error were stated, a thirteenth and a hundredth of the request."""

@@ -327,6 +327,7 @@ def test_steps_do_not_stop_where_pieces_of_a_curve_meet():
     np.testing.assert_allclose(lift(found), R + E * np.sin(found["turn"]), rtol=0, atol=CLOSED)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("accuracy", [1e-7, 1e-8, 1e-9])
 def test_a_bead_on_a_wire_in_space_is_as_accurate_as_requested(accuracy):
     """Down six turns of a bent helix: |r'|² u'' = −g z' − r'·r'' u'², beside SciPy."""

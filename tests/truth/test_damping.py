@@ -211,6 +211,7 @@ def test_all_modes_of_the_linearised_scene_have_the_ratios_of_the_law(law):
         assert np.abs(found - value).min() < 2e-2 * np.abs(value)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("law", ["adams", "bands", "table", "alpha and beta", "critical above"])
 def test_a_run_decays_by_each_law(law):
     model = clamped(LAWS[law][0])
@@ -223,6 +224,7 @@ def test_a_run_decays_by_each_law(law):
     assert measured(run.time, run["seen.z"], f, z)[1] == pytest.approx(z, rel=0.01)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("of", ["free", "clamped"])
 def test_ratios_of_other_modes_are_other_ratios_as_joined(of):
     """Told are those of the linearised scene; in a scene of their own kind they are the law."""
@@ -291,6 +293,7 @@ def test_a_spinning_body_keeps_its_spin_and_its_momentum():
     assert np.abs(run.energy["damper_work"]).max() < 3e-6 * kinetic[0]
 
 
+@pytest.mark.seconds
 def test_damping_takes_energy_but_no_momentum():
     """Thrown undeformed, bent by torques that cancel: half of their work is lost within 0.5 s."""
     model = thrown(0.05, True)

@@ -25,6 +25,7 @@ def told(result, name):
     return np.array(damping.frequencies), np.array(damping.ratios)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("n", [2, 4])
 def test_several_bodies_have_other_ratios_together(n):
     """A bar divided into equal ones that are welded: each has 2 % while the others are rigid."""

@@ -186,6 +186,7 @@ def swinging(start, **fields):
     return made
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(("method", "accuracy"), [("radau", 1e-4), ("generalized-alpha", 1e-3)])
 @pytest.mark.parametrize("start", [ARM, [1.0, 0, 0]], ids=["far", "beside"])
 def test_a_mesh_far_from_its_frame_costs_nothing(start, method, accuracy):
@@ -202,6 +203,7 @@ def test_a_mesh_far_from_its_frame_costs_nothing(start, method, accuracy):
     assert far.statistics["energy_balance_error"] < 0.05
 
 
+@pytest.mark.seconds
 def test_a_result_places_the_nodes_of_a_far_mesh():
     made = swinging(ARM)
     assert compile_system(made).layout.references

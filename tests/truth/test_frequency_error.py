@@ -87,6 +87,7 @@ def tip_of_euler(t, rate, damping):
     return 1e-4 * np.sin(rate * t) + moved @ shapes[-1]
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     ("ratio", "damping"),
     [
@@ -107,6 +108,7 @@ def test_a_beam_of_static_modes_near_its_resonance(ratio, damping, tmp_path):
     assert told(note) == pytest.approx(off, rel=0.3)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     ("modes", "ratio", "damping"), [(6, 0.97, 0.0), (0, 0.5, 0.05), (1, 0.9, 0.02)]
 )
@@ -346,6 +348,7 @@ def test_rows_may_come_one_by_one(tmp_path):
     np.testing.assert_allclose(values[1], values[2], rtol=0.02)
 
 
+@pytest.mark.seconds
 def test_what_is_left_out_begins_at_rest(tmp_path):
     """A torque shakes an arm on a pin, with the law of a controller, from rest. What the arm lacks
     was taken to move already, and to push it away: 5.4 % were told for 2.1 %."""

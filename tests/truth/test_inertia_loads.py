@@ -75,6 +75,7 @@ def bar(residual="inertia", modes=2, size=1.0, elements=10, reduction="craig-bam
     )  # fmt: skip
 
 
+@pytest.mark.seconds
 def test_a_disc_that_a_driver_turns_on_a_carriage_grows():
     """ρ Ω² b ((1 − ν) b² + (3 + ν) a²)/4E at the rim: the driver stands between two bodies."""
     speed, a, b = 300.0, 0.1, 0.4

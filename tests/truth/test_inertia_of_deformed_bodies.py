@@ -35,6 +35,7 @@ def run(made):
     return flexmb.simulate(made, duration=0.3, accuracy=1e-5, outputs=60, verify=False)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("coupling", ["constant", "partial"])
 @pytest.mark.parametrize("stiffening", ["none", "full"])
 def test_a_run_that_diverges_by_its_frame_says_so(coupling, stiffening):
@@ -48,6 +49,7 @@ def test_a_run_that_diverges_by_its_frame_says_so(coupling, stiffening):
     assert "buckle" not in said.split("\n")[0]
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("interface", ["root", "tip"])
 @pytest.mark.parametrize("stiffening", ["none", "full"])
 def test_a_body_amid_others_that_diverges_by_its_frame_says_so(interface, stiffening):

@@ -197,6 +197,7 @@ def test_what_is_told_does_not_depend_on_place_frame_or_inertia(words):
     )
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("machine", [cantilever, between_forks])
 def test_a_beam_without_stiffening_is_told_how_near_it_is_to_tipping_over(machine):
     """At 0.5 and 0.9 of that load; below 0.32 a stiffness changes by less than a tenth."""
@@ -290,6 +291,7 @@ def test_a_right_angle_frame_buckles_sideways(words, told):
             assert told(model) == pytest.approx([share], rel=0.01)
 
 
+@pytest.mark.seconds
 def test_moments_count_where_they_buckle_a_body_before_it_is_bent_too_far():
     """Those about the strong axis of a strip, wherever it points and of any size; of a bar none."""
     for size in (1.0, 1e-6):
@@ -341,6 +343,7 @@ def test_strips_of_solids_and_shells_tip_over_as_the_solid_part_does(kind, told)
     assert told(model) == pytest.approx([0.5 / factor], rel=0.01)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("words", [{}, {"frame": "interface root"}])
 def test_energy_is_kept_as_it_twists_and_sways(words):
     """On a free hub, after a blow of 0.01 s at its tip, which sways by 6 % of its length."""

@@ -173,6 +173,7 @@ def test_flexible_rotor_whirls():
         assert all(np.abs(rates(seen) / abs(w - turn) - 1).min() < 1e-5 for w in whirls)
 
 
+@pytest.mark.seconds
 @pytest.mark.filterwarnings("ignore:shaft. density")
 def test_a_campbell_diagram_follows_whirl():
     sweep = flexmb.sweep_modes(flexible_rotor, "turn", [0, 150, 300, 450], frame="ground")

@@ -250,6 +250,7 @@ def exact_bricard():
     return made, found.sensors
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     "knobs",
     [{}, {"method": "explicit-rk", "order": 5}, {"method": "radau"}],

@@ -234,6 +234,7 @@ def test_a_start_in_equilibrium_has_them(disk, linear):
     assert rate > (1.3 if linear == 1.0 else 2.0) * at_rest
 
 
+@pytest.mark.seconds
 def test_a_file_that_was_reduced_in_space_stretches_in_a_plane_too():
     body = plate(STRIP, {"a": "x0", "b": "x1"}, nu=0.0)
     made = held(body)

@@ -167,6 +167,7 @@ def test_a_body_whose_file_does_not_say(tmp_path):
     assert "does not tell whether its modes answer" in note and "load_points" in note
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     ("ratio", "outputs"),
     [(0.95, 600), *(pytest.param(*one, marks=pytest.mark.slow) for one in SLOW)],
@@ -321,6 +322,7 @@ def test_the_first_moments_of_a_shock_refuse_no_run(tmp_path):
     assert not notes  # forces of the hinge are 15 % off, all others less than 2 %
 
 
+@pytest.mark.seconds
 def test_a_sensor_that_does_not_move_has_no_change(tmp_path):
     """The distance of two points that are at rest, but for round-off."""
     told = []
@@ -385,6 +387,7 @@ def test_a_load_faster_than_the_omitted_modes_that_are_known(share, tmp_path):
         assert f"forces.push oscillates with {hertz:.4g} Hz" in note and "frequency = " in note
 
 
+@pytest.mark.seconds
 def test_rows_may_come_one_by_one(tmp_path):
     """The same as all at once: a run hands them over in chunks."""
     model = clamped([0, f"20*sin(2*pi*{0.95 * THIRD}*t)", 0], duration=0.05, outputs=300)

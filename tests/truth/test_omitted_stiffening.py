@@ -208,6 +208,7 @@ def test_a_cantilever_whose_frame_turns_as_it_bends(share):
     assert told(judged(model, **knobs)) == pytest.approx((true, true), rel=0.1)
 
 
+@pytest.mark.seconds
 def test_the_largest_change_is_that_of_all_rows():
     """A pull that lets go: the largest change is not where the force is largest."""
     model = Model("cantilever")
@@ -415,6 +416,7 @@ def test_a_column_with_a_mass_of_its_own(place, most):
         assert found[0] == pytest.approx(weight + tip, rel=0.03)
 
 
+@pytest.mark.seconds
 def test_a_sensor_that_does_not_see_the_bow_has_no_number():
     """A slider at the end of a rod moves with the line between its joints."""
     rod = {

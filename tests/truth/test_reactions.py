@@ -313,6 +313,7 @@ def link_on_a_rod(length, mass):
     return made
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     ("length", "mass", "accuracy", "method"),
     [(0.3, 1.0, 5e-3, "radau"), (0.3, 1.0, 2e-3, "radau"), (0.5, 3.0, 1e-2, "radau"),

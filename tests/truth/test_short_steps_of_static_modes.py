@@ -39,6 +39,7 @@ NAMES = ("R.x", "R.y", "bob.y")
 KNOBS = {"start": "quasi-static", "outputs": 50, "verify": False}
 
 
+@pytest.mark.seconds
 def test_more_accuracy_does_not_make_a_pendulum_on_a_driven_rod_worse():
     """Reactions were 800 N for 38 N, and 15 % of the energy was off."""
     full, _ = channels(
@@ -73,6 +74,7 @@ def test_errors_do_not_grow_as_steps_get_shorter(method, place):
     assert balances[1] < 1.1 * balances[0] + 1e-6
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("accuracy", [1e-3, 1e-5])
 def test_an_explicit_method_sees_how_far_the_deformation_is_from_its_stages(accuracy):
     """It took 26 steps at any accuracy, and told 2 % of the error of reactions."""

@@ -269,6 +269,7 @@ def test_angles_of_teeth_with_play_do_not_leap_by_a_turn(accuracy):
         assert np.abs(found[f"angle_{name}"] - angle).max() < 5 * accuracy * np.ptp(angle)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     ("text", "wave", "kinks"),
     [

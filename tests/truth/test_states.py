@@ -80,6 +80,7 @@ def test_a_state_near_300_has_the_steps_of_its_change(method, change, asked):
     assert found.steps < 1.2 * judged(model, truth, **knobs).steps
 
 
+@pytest.mark.seconds
 def test_terms_that_cancel_in_a_rate_do_not_shorten_steps():
     """1e7 cancels beside a change of 1e-3: 44 751 steps at 1e-5, and none short enough at 1e-8."""
     rates = ["y2", "-1e4*y1 + 1e7 - 20*y2 + 10*sin(3*t)"]
@@ -96,6 +97,7 @@ def test_terms_that_cancel_in_a_rate_do_not_shorten_steps():
     assert found.steps < 2000
 
 
+@pytest.mark.seconds
 def test_round_off_of_pressures_is_told():
     """Differences of 1 Pa at 1e5 Pa: 2.9 times 1e-8 off, ten times that was told."""
     rates = ["200*(1e5 - y1) - 150*(y1 - y2) + 200*sin(3*t)", "150*(y1 - y2) - 120*(y2 - 1e5)"]

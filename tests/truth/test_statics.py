@@ -110,6 +110,7 @@ def truss_force(y, k=1000.0, half=1.0, height=0.4):
     return -2.0 * k * (length - free) * y / length
 
 
+@pytest.mark.seconds
 def test_all_equilibria_of_a_truss():
     """Under a load below the limit there are three, the middle one unstable."""
     load = 20.0

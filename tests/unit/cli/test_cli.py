@@ -292,6 +292,7 @@ def test_a_file_that_is_neither_result_nor_body_is_named(tmp_path: Path) -> None
     assert "no modes to draw" in call("render", str(tmp_path / "b.flexbody.h5")).stderr
 
 
+@pytest.mark.seconds
 def test_help_and_version() -> None:
     helped = call("--help")
     assert helped.exit_code == 0

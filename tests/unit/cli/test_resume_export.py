@@ -79,6 +79,7 @@ def test_export_names_what_there_is_not(result: Path, tmp_path: Path) -> None:
     assert "cannot be written" in refused("export", result, "-o", tmp_path / "file" / "x.csv")
 
 
+@pytest.mark.seconds
 @pytest.mark.filterwarnings("ignore::flexmb.errors.FlexmbWarning")
 def test_ctrl_c_says_how_to_go_on_and_resume_does(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -71,6 +71,7 @@ def test_the_scene_holds_all_kinds_with_scratch(shared):
     assert {kind.name for kind in KINDS if kind.scratch is not None} <= set(compiled.system.kinds)
 
 
+@pytest.mark.seconds
 def test_two_threads_run_one_system_at_the_same_time(shared):
     compiled, model = shared
     alone = rows(compiled, model)

@@ -93,6 +93,7 @@ def test_damaged_files_are_compiled_again(cache, solve_file):
     assert compiler_pool.compile_units([SOLVE]) == 0
 
 
+@pytest.mark.seconds
 def test_a_read_only_cache_is_read_and_new_units_are_kept_for_the_run(
     cache, solve_file, monkeypatch
 ):

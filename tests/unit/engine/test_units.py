@@ -152,6 +152,7 @@ compile_units({list(SMALL)!r})
     assert sum(1 for _ in folder.glob("*.unit")) == len(SMALL)
 
 
+@pytest.mark.seconds
 def test_what_lies_in_the_present_folder_is_not_compiled(cache, tmp_path, monkeypatch):
     """Another version of flexmb there would be cached under the name of this one."""
     for name in ("flexmb/__init__.py", "numba.py"):
@@ -295,6 +296,7 @@ for name, unit in jit.UNITS.items():
 """
 
 
+@pytest.mark.seconds
 def test_code_that_allocates_does_not_compile(project):
     lines = run_python(ALLOCATES, project).splitlines()
     assert lines == ["__main__.allocates refused", "__main__.does_not True"]
@@ -319,6 +321,7 @@ for acting in (True, False):
 """
 
 
+@pytest.mark.seconds
 def test_interpreted_and_compiled_code_agree(tmp_path):
     """Every kernel of the residual and of the iteration matrix, and with all features left out."""
     found = interpreted(WITHOUT, tmp_path)

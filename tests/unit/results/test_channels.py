@@ -178,6 +178,7 @@ def test_a_run_under_way_is_not_copied(tmp_path: Path) -> None:
             Result(out.path).save(tmp_path / "copy")
 
 
+@pytest.mark.seconds
 def test_a_temporary_folder_lives_as_long_as_a_result_of_it() -> None:
     scratch = TemporaryFolder()
     folder = scratch.path

@@ -168,6 +168,7 @@ else:
 """
 
 
+@pytest.mark.seconds
 @pytest.mark.skipif(sys.platform == "win32", reason="file-size limits are a POSIX means")
 @pytest.mark.parametrize(("when", "rows"), [("before", None), ("while", 70), ("growing", 70)])
 def test_a_full_disk_is_one_sentence_and_keeps_the_rows(

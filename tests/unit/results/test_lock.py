@@ -41,6 +41,7 @@ def test_a_lock_file_left_by_a_killed_run_does_no_harm(tmp_path: Path) -> None:
     WriteLock(tmp_path / "result.h5").release()
 
 
+@pytest.mark.seconds
 def test_another_process_holds_it_until_it_is_killed(tmp_path: Path) -> None:
     path = tmp_path / "result.h5"
     words = [sys.executable, "-c", HOLD, str(path)]

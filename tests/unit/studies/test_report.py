@@ -101,6 +101,7 @@ def test_what_cannot_be_told_from_the_reference_is_a_bound(tmp_path: Path) -> No
     assert study.cheapest() is small
 
 
+@pytest.mark.seconds
 def test_plots_have_a_panel_for_each_quantity(study: Study, tmp_path: Path) -> None:
     files = study.save()
     assert [path.name for path in files] == [

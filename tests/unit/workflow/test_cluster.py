@@ -91,6 +91,7 @@ def clients() -> set[int]:
     return {id(one) for one in gc.get_objects() if type(one).__name__ == "Client"}
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense", "tcp://no-such-host:8786"])
 def test_a_scheduler_that_is_not_there_is_told_soon(
     address: str, monkeypatch: pytest.MonkeyPatch

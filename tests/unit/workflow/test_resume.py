@@ -233,6 +233,7 @@ def test_nothing_in_common_is_a_mistake(scene: Path, tmp_path: Path) -> None:
         flexmb.run_scene(scene, output=tmp_path / "out", start_from=first, pictures=False)
 
 
+@pytest.mark.seconds
 def test_a_temporary_folder_goes_with_its_result_unless_saved(tmp_path: Path) -> None:
     result = flexmb.simulate(free_box())
     folder = result.path.parent

@@ -120,6 +120,7 @@ def test_a_pendulum_hangs_on_a_coil_spring_that_is_wound_several_times():
     assert len(roots) == 13
 
 
+@pytest.mark.seconds
 def test_turns_of_a_wheel_without_a_spring_are_one_equilibrium():
     """A stop counts the turns of the wheel, but does not act; a spring holds the other body."""
     made = Model("wheel", gravity=[0, -9.81, 0])
