@@ -95,8 +95,9 @@ def rows_behind_jumps(compiled: Compiled, t: Array) -> list[int]:
 def rows_beside_brief_changes(compiled: Compiled, duration: float, n: int, most: int) -> int:
     """The first number of intervals from `n` up to `most` that puts no row within a brief change.
 
-    Such a change of a load takes less than an interval. A row within it shows a motion that no
-    other row resolves. `n` if there is no such number.
+    They are equal parts of a run of `duration` [s] from t = 0. Such a change of a load takes less
+    than one of them. A row within it shows a motion that no other row resolves. `n` if there is no
+    such number.
     """
     brief = [
         (begin, end)

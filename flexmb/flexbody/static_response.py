@@ -223,8 +223,9 @@ class OmittedStiffening:
         mass = check.floats("mass", self.mass, (3, 3, r, width))
         object.__setattr__(self, "mass", mass)
         own = np.einsum("aaij->ij", mass[..., width - r :]) if not check.problems else np.eye(r)
-        if np.linalg.eigvalsh(own).min(initial=1.0) <= -_ROUND_OFF * np.trace(own):
-            check.add("mass", "has a negative eigenvalue")
+        least = np.linalg.eigvalsh(own).min(initial=1.0)
+        if np.diag(own).min(initial=1.0) <= 0.0 or least < -_ROUND_OFF * np.trace(own):
+            check.add("mass", "must give every field a positive kinetic energy")
         check.raise_problems()
 
     def in_coordinates(self, Z: FloatArray) -> OmittedStiffening:
