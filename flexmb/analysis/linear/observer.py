@@ -15,6 +15,7 @@ motion enter the equations too: M ÿ + D ẏ + K y = Nᵀ f.
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -263,8 +264,18 @@ class MinimalEquations:
         self.compiled, self.state = compiled, state = along.compiled, along.state
         self.observer = Observer.at(compiled, state, name)
         self.change = change_of_coordinates(self.observer, compiled, state)
+        self.coordinates = Coordinates(along, self.observer, partition)
+        self._set_matrices(tangents)
+
+    def with_tangents(self, tangents: Tangents) -> MinimalEquations:
+        """The equations of the same state in the same coordinates with other matrices."""
+        other = copy(self)
+        other._set_matrices(tangents)
+        return other
+
+    def _set_matrices(self, tangents: Tangents) -> None:
         self.at = at = in_axes_of(self.change, tangents)
-        self.coordinates = c = Coordinates(along, self.observer, partition)
+        c = self.coordinates
         self.left = left = _left_null(at, c)
         self.mass = left.T @ at.M @ c.N
         self.damping = left.T @ (at.D @ c.N + 2.0 * at.M @ c.Nd)

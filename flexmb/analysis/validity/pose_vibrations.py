@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
 from flexmb.analysis.linear.linearization import Linearization, ModeSweep
-from flexmb.analysis.linear.observer import MinimalEquations, RowsAlongMotion, body_axes
+from flexmb.analysis.linear.observer import body_axes
 from flexmb.analysis.linear.state_equations import StateEquations, Tangents
 from flexmb.analysis.validity.body_accelerations import Complex, LackingBody
 from flexmb.engine.tables import BodyColumns
@@ -252,7 +252,7 @@ def errors_by_omission(
     which shapes (nv, k) of a body do, without these terms or with them. Symmetric terms whose
     changes of first order are below `least` are not looked at.
     """
-    along, seen, followed = RowsAlongMotion(made.compiled, made.state), made.seen, [made]
+    followed = [made]
     every = np.array([one.change(made) for one in terms])
     names = np.array([one.name for one in terms])
     changes = {one: every[names == one].sum(axis=0) for one in dict.fromkeys(names.tolist())}
@@ -266,10 +266,8 @@ def errors_by_omission(
         tangents = made.tangents
         for one in terms:
             tangents = one.added(tangents, float(share))
-        equations = MinimalEquations(
-            along, tangents, seen.observer.name, seen.coordinates.partition
-        )
-        followed.append(replace(made, tangents=tangents, seen=equations))
+        seen = made.seen.with_tangents(tangents)
+        followed.append(replace(made, tangents=tangents, seen=seen))
     sweep = ModeSweep.of("", [0.0] * (n + 1), followed)
     hertz, last = sweep.frequencies[[0, -1]], followed[-1]
     apart = np.abs(sweep.eigenvalues[-1][:, None] - last.eigenvalues)

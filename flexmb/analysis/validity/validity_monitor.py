@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.initial_state import StartValues, assemble
-from flexmb.analysis.assembly.jacobian import MAX_COORDINATES
+from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, one_blas_thread
 from flexmb.analysis.linear.linearization import Linearization
 from flexmb.analysis.linear.observer import MinimalEquations, RowsAlongMotion
 from flexmb.analysis.linear.state_equations import StateEquations
@@ -146,6 +146,7 @@ class ValidityMonitor:
             if not any(other.body == one.body and _tells(other, one) for other in exceeded):
                 yield one
 
+    @one_blas_thread()
     def _frequency_errors(self) -> tuple[list[str], list[Indicator]]:
         """What stiffening and inertia coupling, left out, change where bodies rotate fastest.
 
