@@ -209,7 +209,7 @@ def _reduce(job: Job, folder: Path) -> Record:
 
 def _run(job: Job, folder: Path) -> Record:
     """Integrate `repeats` times; the times of all integrations, the statistics of the first."""
-    from flexmb.analysis.assembly.jacobian import one_blas_thread
+    from flexmb.analysis.chunked_run import one_thread
     from flexmb.model import Model
     from flexmb.results import Result
     from flexmb.workflow.simulate import run_model
@@ -222,7 +222,7 @@ def _run(job: Job, folder: Path) -> Record:
     cpu: list[float] = []
     for _ in range(job.repeats):
         timer = RunTimer(job.limit)
-        with one_blas_thread():
+        with one_thread():
             report = run_model(model, folder, pictures=False, progress=timer)
         if Result(report.result).status == "stopped":
             raise KeyboardInterrupt

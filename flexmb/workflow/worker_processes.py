@@ -231,7 +231,7 @@ class RunTimer:
     """A progress that measures the processor time of the integration, and gives up a long run.
 
     The integration starts when the assembly ends. The time is that of the thread, since idle
-    threads of dense algebra wait actively. Use `one_blas_thread`, so that no other thread computes.
+    threads of dense algebra wait actively. Use `one_thread`, so that no other thread computes.
     """
 
     def __init__(self, limit: float) -> None:

@@ -154,7 +154,7 @@ class PreparedDynamics:
         settings = self.settings._replace(max_rotation=1.0)
         settings = with_tolerance(settings, self.spec, self.run.method, tolerance)
         again, before = self._restarted(self.method, settings), self.passes[0]
-        last = float(self.verified.scout.state.count[0]["steps"]), self.verified.difference
+        last = float(self.verified.scout_state.count[0]["steps"]), self.verified.difference
         if self.verified.errors()["positions"].begin >= 0.0:
             last = 0.0, 0.0  # both runs damped a vibration that the next ones may resolve
         again.passes[0] = (tolerance, before["count"] + 1, before["method"], *last)
@@ -339,8 +339,10 @@ def may_change_method(prepared: PreparedDynamics) -> bool:
 
 def limited_by_stability(prepared: PreparedDynamics) -> bool:
     """Whether stability, not accuracy, limits the steps of an explicit method."""
-    run = prepared.run if prepared.verified is None else prepared.verified.scout
-    count, stiff = run.state.count[0], run.state.memory[0]["steps_at_stability_limit"]
+    run, state = prepared.run, prepared.run.state
+    if prepared.verified is not None:
+        run, state = prepared.verified.scout, prepared.verified.scout_state
+    count, stiff = state.count[0], state.memory[0]["steps_at_stability_limit"]
     tried = count["steps"] + count["rejected"]
     limited = run.is_limited or (tried > _MIN_STEPS and bool(stiff > _STIFF_SHARE * tried))
     return may_change_method(prepared) and limited

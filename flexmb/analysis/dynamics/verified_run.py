@@ -16,10 +16,15 @@ runs have the same errors of the method, but different round-off.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from contextvars import copy_context
 from typing import NamedTuple
 
 import numpy as np
 
+from flexmb.analysis.chunked_run import in_one_thread
 from flexmb.analysis.dynamics.integration import Integration
 from flexmb.analysis.dynamics.jump_states import JumpStates
 from flexmb.analysis.dynamics.measured_error import MeasuredError, QuantityError, error_statistics
@@ -101,6 +106,13 @@ class Chunk(NamedTuple):
     values: np.ndarray  # (k, components)
 
 
+class Ahead(NamedTuple):
+    """A chunk of a scout that the fine run has not reached, and the state before it."""
+
+    before: State
+    status: Future[int]
+
+
 class VerifiedRun:
     """Two runs of one model that advance together.
 
@@ -130,6 +142,7 @@ class VerifiedRun:
         self.recorded, self.of_scout, self.between = recorded, of_scout, between
         self.is_stiff, self.jumps = is_stiff, jumps
         self.chunks: list[Chunk] = []  # of the scout; of a resumed run those after it was resumed
+        self._ahead: Ahead | None = None
 
     @property
     def difference(self) -> float:
@@ -155,7 +168,7 @@ class VerifiedRun:
         if implicit and self._has_many_events:
             exponent = least_fractional_exponent(self.fine.compiled)
             highest = min(highest, _FRACTIONAL_ORDER + exponent)
-        steps, last = self.scout.state.count[0]["steps"], passes["last_steps"]
+        steps, last = self.scout_state.count[0]["steps"], passes["last_steps"]
         same = 0.0 < passes["last_difference"] < _SAME_MOTION
         if not same or steps < _MIN_STEP_GROWTH * last or self._follows_a_damped_vibration:
             return highest
@@ -188,7 +201,7 @@ class VerifiedRun:
     @property
     def ratio(self) -> float:
         """Error of the scout over that of the fine run, by the order and the numbers of steps."""
-        fine, scout = (run.state.count[0]["steps"] for run in (self.fine, self.scout))
+        fine, scout = (st.count[0]["steps"] for st in (self.fine.state, self.scout_state))
         finer = min(max(fine / max(scout, 1), 1.0), self.fine.settings.refinement)
         return float(finer**self.order)
 
@@ -210,8 +223,9 @@ class VerifiedRun:
         scout = Integration(
             compiled, integrator, scout_settings(settings, integrator), states[0], times[of_scout]
         )
+        plan = new_plan(scout.chunk)
         fine = Integration(
-            compiled, integrator, fine_settings(settings, integrator), states[1], times, scout.plan
+            compiled, integrator, fine_settings(settings, integrator), states[1], times, plan
         )
         error = MeasuredError.of(compiled, model, first, settings.end - settings.start)
         between = compared & ~counted
@@ -220,30 +234,51 @@ class VerifiedRun:
     def advance(self, first: bool = False) -> tuple[int, list[OutputBlock]]:
         """Integrate one chunk of both, or write the first row; the status, rows of the fine run."""
         scout, fine = self.scout, self.fine
-        status = scout.integrate(0 if first else scout.chunk)
+        ahead, self._ahead = self._ahead, None
+        status = ahead.status.result() if ahead else scout.integrate(0 if first else scout.chunk)
         coarse = scout.rows.read()
         rows: list[OutputBlock] = []
         done = 0
         knots = scout.plan.knots[: scout.plan.used[0]].copy()
+        fine.plan.knots[: len(knots)], fine.plan.used[0] = knots, len(knots)
         end = knots[-1]
         self.chunks.append(Chunk(knots, self.error.comparison.values(coarse)))
-        while first or fine.state.t[0] < end:
-            fine_status = fine.integrate(0 if first else fine.chunk)
-            block = fine.rows.read()
-            if self.jumps is not None:
-                self.jumps.add_rows(block)
-                self.jumps.add_events(fine.events())
-            both = block.rows(self._newest(self.of_scout, block))
-            self.error.add(coarse.part(done, done + len(both.t)), both)
-            self.error.extend_ranges(block.rows(self._newest(self.between, block)))
-            done += len(both.t)
-            rows.append(block.rows(self._newest(self.recorded, block)))
-            if first or fine_status != method.SUCCESS:
-                status = max(status, fine_status)
-                break
+        with self._scout_ahead(is_idle=first or status != method.SUCCESS):
+            while first or fine.state.t[0] < end:
+                fine_status = fine.integrate(0 if first else fine.chunk)
+                block = fine.rows.read()
+                if self.jumps is not None:
+                    self.jumps.add_rows(block)
+                    self.jumps.add_events(fine.events())
+                both = block.rows(self._newest(self.of_scout, block))
+                self.error.add(coarse.part(done, done + len(both.t)), both)
+                self.error.extend_ranges(block.rows(self._newest(self.between, block)))
+                done += len(both.t)
+                rows.append(block.rows(self._newest(self.recorded, block)))
+                if first or fine_status != method.SUCCESS:
+                    status = max(status, fine_status)
+                    break
         if self.jumps is not None:
             self.jumps.add_steps(knots, fine.settings.refinement)
         return status, rows
+
+    @contextmanager
+    def _scout_ahead(self, is_idle: bool) -> Iterator[None]:
+        """Meanwhile, integrate the next chunk of the scout, if there is one and it is not idle."""
+        scout = self.scout
+        if is_idle or scout.finished or in_one_thread():
+            yield
+            return
+        before = State(*(array.copy() for array in scout.state))
+        with ThreadPoolExecutor(max_workers=1) as thread:
+            status = thread.submit(copy_context().run, scout.integrate, scout.chunk)
+            self._ahead = Ahead(before, status)
+            yield
+
+    @property
+    def scout_state(self) -> State:
+        """The state of the scout where the fine run is."""
+        return self.scout.state if self._ahead is None else self._ahead.before
 
     def _newest(self, which: np.ndarray, block: OutputBlock) -> np.ndarray:
         """The entries of `which` for the rows of the last block of the fine run."""
@@ -253,7 +288,7 @@ class VerifiedRun:
     def arrays(self) -> dict[str, np.ndarray]:
         """Arrays that a resumed run needs in addition to the state of the fine run."""
         return {
-            **{_SCOUT + name: value for name, value in self.scout.state._asdict().items()},
+            **{_SCOUT + name: value for name, value in self.scout_state._asdict().items()},
             _SCOUT + "balance": self.scout.rows.balance.tally,
             **self.error.arrays(),
             **({} if self.jumps is None else {"jumps": self.jumps.table}),
@@ -278,7 +313,7 @@ class VerifiedRun:
 
     def _expected_ratio(self) -> float:
         """Ratio of errors with the error of the pass before, reduced by the order of the method."""
-        passes, steps = self.passes[0], self.scout.state.count[0]["steps"]
+        passes, steps = self.passes[0], self.scout_state.count[0]["steps"]
         before = self.error.ratio_before()
         multiplies = self.error.growth() >= _MIN_GROWTH
         if before <= 1.0 or not (self.fine.method.stages and multiplies):
@@ -291,7 +326,7 @@ class VerifiedRun:
     @property
     def is_limited(self) -> bool:
         """Whether stability limits the steps of the scout."""
-        steps, memory = self.fine.state.count[0]["steps"], self.scout.state.memory[0]
+        steps, memory = self.fine.state.count[0]["steps"], self.scout_state.memory[0]
         return bool(memory["steps_at_stability_limit"] > _LIMITED_SHARE * steps)
 
     def statistics(self) -> dict[str, float | int | str]:
@@ -299,7 +334,7 @@ class VerifiedRun:
         return {
             "accuracy_asked": self.fine.settings.accuracy,
             "passes": int(self.passes[0]["count"]),
-            "comparison_steps": int(self.scout.state.count[0]["steps"]),
+            "comparison_steps": int(self.scout_state.count[0]["steps"]),
             **error_statistics(self.errors()),
         }
 

@@ -385,7 +385,7 @@ class ChangedRuns:
 
 def run_changed(job: Mapping[str, Any]) -> Record:
     """Run a scene given as plain data into its folder; its processor time and statistics."""
-    from flexmb.analysis.assembly.jacobian import one_blas_thread
+    from flexmb.analysis.chunked_run import one_thread
     from flexmb.results import Result
     from flexmb.workflow.simulate import run_model
 
@@ -401,7 +401,7 @@ def run_changed(job: Mapping[str, Any]) -> Record:
             shutil.copy2(body, folder / body.name)
     timer = RunTimer(float(job["limit"]))
     model = Model.from_scene_dict(job["scene"], Path(job["source"]))
-    with one_blas_thread():
+    with one_thread():
         report = run_model(model, folder, pictures=False, analysis="dynamics", progress=timer)
     if Result(report.result).status == "stopped":  # by Ctrl-C: its record would say finished
         raise KeyboardInterrupt

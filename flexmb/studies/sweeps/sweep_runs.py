@@ -113,14 +113,14 @@ def run_setting(scene: SweepScene, job: Job) -> Row:
     FlexmbError
         The model refuses its values, or the run fails.
     """
-    from flexmb.analysis.assembly.jacobian import one_blas_thread
+    from flexmb.analysis.chunked_run import one_thread
 
     wall, cpu = time.perf_counter(), time.thread_time()
     model = scene.model(job.values)
     in_memory = all(one.columns for one in scene.scalars) and not scene.histories
     auto = getattr(model.effects, "choice", "") == "auto"
     run = _run_in_memory if in_memory and not auto else _run_with_file
-    with one_blas_thread():
+    with one_thread():
         row = run(scene, model, job.key)
     row["seconds"] = time.perf_counter() - wall
     row["cpu_seconds"] = time.thread_time() - cpu

@@ -12,8 +12,9 @@ from accuracyscenes.textbook import Linkage
 from truthkit import Memory
 
 import flexmb
+from flexmb.analysis.chunked_run import one_thread
 from flexmb.analysis.dynamics import verified_run
-from flexmb.analysis.dynamics.dynamics import dynamics
+from flexmb.analysis.dynamics.dynamics import dynamics, prepare_dynamics
 from flexmb.analysis.dynamics.reached_accuracy import missed_accuracy
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
@@ -326,3 +327,31 @@ def test_accelerations_of_round_off_have_no_error():
         made.add_sensor(body, "acceleration", of=body)
     outcome, *_ = simulated(made, duration=0.1, outputs=50, accuracy=1e-5, method="radau")
     assert outcome.statistics["measured_error_of_accelerations"] < 1e-5
+
+
+def advanced(chunks):
+    """A run under error control after some chunks, with more to go."""
+    made = high()
+    made.set_dynamics(**LONG, accuracy=1e-9, method="explicit-rk")
+    prepared = prepare_dynamics(compile_system(made), made)
+    blocks = prepared.advance(first=True)[1]
+    for _ in range(chunks):
+        blocks += prepared.advance()[1]
+    return prepared, blocks
+
+
+def test_the_scout_of_a_saved_state_is_where_the_run_is():
+    prepared, _ = advanced(1)
+    saved, scout = prepared.arrays(), prepared.verified.scout
+    assert saved["scout_t"][0] == saved["t"][0] < scout.state.t[0]
+
+
+def test_a_scout_in_a_thread_of_its_own_changes_no_bit():
+    prepared, blocks = advanced(2)
+    with one_thread():
+        alone, others = advanced(2)
+    assert alone.verified.scout.state.t[0] == alone.run.state.t[0]
+    for name, array in alone.arrays().items():
+        np.testing.assert_array_equal(array, prepared.arrays()[name], err_msg=name)
+    for one, other in zip(blocks, others, strict=True):
+        np.testing.assert_array_equal(one.q, other.q)
