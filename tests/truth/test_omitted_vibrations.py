@@ -1,4 +1,5 @@
-"""What vibrations would do beside quasi-static modes: shock spectra, and runs that have them."""
+"""What vibrations would do beside quasi-static modes, or across the line of a sensor: shock
+spectra, and runs that have them."""
 
 from __future__ import annotations
 
@@ -168,3 +169,28 @@ def test_modes_above_a_band_leave_out_vibrations_of_reactions(start, speed):
         assert apart < 0.04 and not told
     else:
         assert apart / 2 < float(told[2]) / 100 < 2 * apart and 'start = "quasi-static"' in text
+
+
+def test_lateral_modes_move_a_distance_along_its_line_only():
+    """A tether whose load hangs still, and whose tension stiffens the modes that it lacks: 21 749 %
+    of the range of its length were told for 89 %."""
+    runs = []
+    for modes in (2, 12):
+        made = Model("tether", gravity=[9.81, 0, 0])
+        made.add_body("cart", mass=50.0, inertia=[5.0] * 3)
+        made.add_body("tether", rod(0.004, 10.0, 20, modes, geometric_stiffening="full"))
+        made.add_body("load", mass=20.0, inertia=[0.1] * 3, position=[10.0, 0, 0])
+        made.add_joint("rail", "prismatic", between=["ground", "cart"], axis="z")
+        made.add_joint("root", "spherical", between=["cart", "tether.root"])
+        made.add_joint("tip", "fixed", between=["tether.tip", "load"])
+        made.add_driver("shake", joint="rail", stroke="0.01*sin(6*pi*t)*min(1,t)")
+        made.add_sensor("length", "distance", between=["cart", "load"])
+        made.add_sensor("load", "position", of="load")
+        made.set_validity(truncation="any", inertia_loads="any")
+        runs.append(flexmb.simulate(made, duration=4.0, outputs=800, accuracy=1e-4, method="radau",
+                                    verify=False))  # fmt: skip
+    few, every = (run["load.x"] for run in runs)
+    error = np.abs(few - every).max() / np.ptp(every)
+    notes = " ".join(runs[0].notes)
+    told = re.findall(r"(?:sensors by up to|off by about) ([\d.]+) %", notes)
+    assert told and error / 3 < max(map(float, told)) / 100 < 3 * error

@@ -29,7 +29,7 @@ from scipy.linalg import block_diag
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, n_free
 from flexmb.analysis.assembly.mechanism_modes import MechanismModes
 from flexmb.analysis.functions_of_time import AT_ONCE, kinked_functions
-from flexmb.analysis.linear.state_equations import StateEquations
+from flexmb.analysis.linear.state_equations import StateEquations, sensor_amplitudes
 from flexmb.analysis.monitors import Indicator
 from flexmb.engine.allocation import new_state
 from flexmb.engine.bodies.static_modes import static_bodies, static_coordinates
@@ -60,7 +60,6 @@ _SERIES_LIMIT = 1e-2  # |λ h| below which integrals are computed by series
 _POSES, _GOLDEN, _INNER = 16, 0.6180339887, 0.9
 _SMALL = 1e-3  # response over the deformation below which sensors are not looked at
 _LARGE = 0.1  # amplitude over the largest of a vibration whose frequency is told
-_STEP = 1e-4  # of a motion for differences of sensors, over the size of the model
 _LEAST_REACTION, _LEAST_RANGE = 1e-3, 1e-6  # range over the largest that is judged; of sensors
 
 
@@ -239,40 +238,16 @@ class OmittedVibrationMonitor:
         if self._equations is None:
             state = new_state(compiled.system, len(compiled.layout.channels))
             self._equations = StateEquations(compiled, state)
-        equations, state = self._equations, self._equations.state
-        state.t[0] = rows.t[k]
-        for name in ("q", "v", "vd", "lam"):
-            getattr(state, name)[:] = getattr(rows, name)[k]
-        omega, X, forces = self._vibrations(state.q)
+        equations = self._equations
+        equations.set_row(rows, k)
+        omega, X, forces = self._vibrations(rows.q[k])
         Cq = equations.tangents().Cq
         lam = np.asarray(np.linalg.lstsq(Cq.T, forces, rcond=None)[0], np.float64)
-        own = self._sensor_changes(equations, omega, X, lam)
+        own = sensor_amplitudes(equations, omega, X, lam)
         reactions = self._reaction_changes(equations, Cq, lam)
         change = np.concatenate([own, np.stack([reactions, 0.0 * reactions])], axis=1)
         turn = X[self._modal].T @ self._K @ self._shapes / omega[:, None] ** 2
         return np.asarray(np.linalg.norm(change @ turn / self._omega, axis=0))
-
-    def _sensor_changes(
-        self, equations: StateEquations, omega: Array, X: Array, lam: Array
-    ) -> Array:
-        """(2, channels, k) changes of sensors by vibrations of unit amplitude, with places and with
-        velocities."""
-        state, size = equations.state, np.abs(X * self._compiled.system.weights[:, None])
-        base = [x.copy() for x in (state.q, state.v, state.vd, state.lam, state.angles)]
-        change = np.zeros((2, len(self._compiled.layout.channels), len(omega)))
-        for j, (w, x) in enumerate(zip(omega, X.T, strict=True)):
-            h = _STEP / max(size[:, j].max(), 1e-300)
-            for part, sign in product((0, 1), (1.0, -1.0)):
-                if part:
-                    state.v[:] = base[1] + sign * h * w * x
-                else:
-                    state.q[:] = equations.moved(base[0], sign * h * x)
-                    state.vd[:] = base[2] - sign * h * w**2 * x
-                    state.lam[:] = base[3] + sign * h * lam[:, j]
-                change[part, :, j] += sign * equations.channels() / (2.0 * h)
-                for name, x0 in zip(("q", "v", "vd", "lam", "angles"), base, strict=True):
-                    getattr(state, name)[:] = x0
-        return change
 
     def _reaction_changes(self, equations: StateEquations, Cq: Array, lam: Array) -> Array:
         """(12 n, k) changes of reactions, as of the table of the run, in global axes."""
