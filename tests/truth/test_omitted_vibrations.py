@@ -194,3 +194,22 @@ def test_lateral_modes_move_a_distance_along_its_line_only():
     notes = " ".join(runs[0].notes)
     told = re.findall(r"(?:sensors by up to|off by about) ([\d.]+) %", notes)
     assert told and error / 3 < max(map(float, told)) / 100 < 3 * error
+
+
+@pytest.mark.seconds
+def test_a_load_that_bounces_on_a_rod_makes_no_growing_error():
+    """Foucault's pendulum, hung undeformed, so that its tension rises and falls."""
+    model = Model("pendulum", gravity=[9.81, 0, 0])
+    model.add_body("rod", rod(0.004, 2.0, 20, 4, geometric_stiffening="full"))
+    model.add_body("earth", mass=100.0, inertia=[10.0] * 3)
+    model.add_body("bob", mass=5.0, inertia=[0.01] * 3, position=[2.0, 0, 0])
+    model.add_joint("day", "revolute", between=["ground", "earth"], axis="x")
+    model.add_joint("hang", "spherical", between=["earth", "rod.root"])
+    model.add_joint("tip", "fixed", between=["rod.tip", "bob"])
+    model.add_driver("turn", joint="day", angle="0.2*t")
+    pushed = {"type": "step5", "t0": 0, "t1": 0.5, "y0": 5.0, "y1": 0.0}
+    model.add_force("push", "force", at="bob", value=[0, pushed, 0])
+    model.add_sensor("bob", "position", of="bob", seen_from="earth")
+    knobs = {"duration": 15.0, "outputs": 1500, "accuracy": 1e-5, "method": "radau"}
+    notes = flexmb.simulate(model, verify=False, **knobs).notes
+    assert not [note for note in notes if "for want of modes" in note]

@@ -183,7 +183,7 @@ class StateEquations:
 
 
 def sensor_amplitudes(equations: StateEquations, omega: Array, X: Array, lam: Array) -> Array:
-    """(2, channels, k) changes of sensors by vibrations with frequencies omega (k,) [rad/s].
+    """(2, channels, k) changes of sensors by vibrations: in phase with places, and with velocities.
 
     Parameters
     ----------
@@ -193,11 +193,6 @@ def sensor_amplitudes(equations: StateEquations, omega: Array, X: Array, lam: Ar
         Frequencies [rad/s].
     X, lam : (nv, k), (nc, k) array
         Amplitudes of the motions and of the multipliers.
-
-    Returns
-    -------
-    (2, channels, k) array
-        Those in phase with the places, and with the velocities.
     """
     state, system = equations.state, equations.compiled.system
     base = [x.copy() for x in (state.q, state.v, state.vd, state.lam, state.angles)]

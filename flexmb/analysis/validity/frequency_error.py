@@ -120,6 +120,7 @@ class FrequencyErrorMonitor:
         self._duration = model.dynamics.duration if model.dynamics else 0.0
         # Sums of tensions and of their weights so far; means up to each of the rows at hand.
         self._sums, self._tension = np.zeros((len(self._bodies), 2)), np.zeros((0, 0))
+        self._tightest = np.zeros(len(self._bodies))  # largest mean tension so far
         self._interval = np.zeros(1)  # between rows, s
         self._since = np.full(1, np.inf)  # when the integration began
         self._row = np.zeros((0, 1))  # time and forces of the last row, and their last rate
@@ -253,12 +254,16 @@ class FrequencyErrorMonitor:
             np.einsum("tij,tik->tjk", A[i], A[j]).reshape(len(rows.t), 9) / np.sqrt(2.0)
             for i, j in self._joined
         ]
-        for one, tension in zip(self._bodies, self._tension, strict=True):
+        for n, (one, tension) in enumerate(zip(self._bodies, self._tension, strict=True)):
             mass = max(np.linalg.eigvalsh(one.body.M_eta)[-1], 1e-300)  # the largest modal one
             lowest = np.sqrt(np.linalg.eigvalsh(one.body.K)[0] / mass)
             iv = one.columns.iv
             parts.append(rows.v[:, iv + 3 : iv + 6] / lowest)
-            parts.append(np.log1p(tension / one.tightening[1])[:, None])
+            largest = np.maximum.accumulate(np.append(self._tightest[n], tension))[1:]
+            self._tightest = np.where(
+                np.arange(len(self._bodies)) == n, largest[-1], self._tightest
+            )
+            parts.append(np.log1p(largest / one.tightening[1])[:, None])
         return np.hstack(parts)
 
     def _pose(self, rows: OutputBlock, k: int) -> PoseVibrations:
