@@ -28,11 +28,11 @@ def flexible_pendulum():
     return made
 
 
-def flexible_crank():
+def flexible_crank(**effects):
     made = Model("flexible crank")
     made.add_body("crank", mass=1.0, inertia=[0.01] * 3)
     made.add_marker("crank.pin", position=[0.15, 0, 0])
-    made.add_body("rod", rod(0.012), position=[0.15, 0, 0])
+    made.add_body("rod", rod(0.012), position=[0.15, 0, 0], **effects)
     made.add_body("slider", mass=0.5, inertia=[0.01] * 3, position=[0.6, 0, 0])
     made.add_joint("bearing", "revolute", between=["ground", "crank"], axis="z")
     made.add_joint("pin", "spherical", between=["crank.pin", "rod.root"])

@@ -173,6 +173,20 @@ def _sensors_beside_interfaces(model: ModelData, name: str) -> list[str]:
     return [marker for marker in markers if marker.partition(".")[0] == name]
 
 
+def fastest_drives(model: ModelData) -> dict[str, tuple[str, float]]:
+    """Path and frequency [Hz] of the fastest oscillation that acts on each body, by its name."""
+    places = {(path, owner) for path, owner, _ in loads_on_bodies(model)}
+    for name, driver in model.drivers.items():
+        on = (owner for path, owner in places if path == f"joints.{driver.joint}")
+        places |= {(f"drivers.{name}", owner) for owner in on}
+    fastest: dict[str, tuple[str, float]] = {}
+    for path, hertz in oscillations(model):
+        for owner in (owner for place, owner in places if place == path):
+            if hertz > fastest.get(owner, ("", 0.0))[1]:
+                fastest[owner] = path, hertz
+    return fastest
+
+
 def nodes_of_sensor(model: ModelData, spec: SensorSpec) -> Iterator[str]:
     """Markers of a sensor on nodes of bodies besides their interfaces."""
     for field in ("of", "relative_to", "between"):

@@ -36,6 +36,7 @@ from flexmb.flexbody.natural_modes import Vibrations, mass_at_rest
 from flexmb.model.markers import rotation_matrix
 
 _NO_MASS = 1e-11  # eigenvalue of the mass matrix over the largest one that counts as zero
+_NO_STIFFNESS = 1e-14  # square of a frequency over the largest one that counts as zero
 
 
 class MechanismModes:
@@ -47,9 +48,13 @@ class MechanismModes:
         The model and its pose.
     bodies : list of int
         Numbers of the bodies that may move; if these are all, scalar coordinates move as well.
+    every_mass : bool
+        Whether quasi-static modes have mass, as dynamic ones have.
     """
 
-    def __init__(self, compiled: Compiled, q: Array, bodies: list[int]) -> None:
+    def __init__(
+        self, compiled: Compiled, q: Array, bodies: list[int], *, every_mass: bool = False
+    ) -> None:
         layout, system = compiled.layout, compiled.system
         self._compiled, everything = compiled, len(bodies) == len(layout.bodies)
         state, work = new_state(system), new_work(system)
@@ -69,7 +74,10 @@ class MechanismModes:
         for k in bodies:
             columns = layout.bodies[k]
             at = order[_columns(columns)]
-            block = _mass(system, k, compiled.bodies.get(columns.name))
+            body = compiled.bodies.get(columns.name)
+            block = _mass(system, k, body)
+            if every_mass and body is not None and columns.m:
+                block[6:, 6:] = body.M_eta
             turn = rotation_matrix(q[columns.iq + 3 : columns.iq + 7])
             block[:3] = turn @ block[:3]
             block[:, :3] = block[:, :3] @ turn.T
@@ -87,6 +95,21 @@ class MechanismModes:
         values, X = np.linalg.eigh(N.T @ self._mass @ N)
         massive = values > _NO_MASS * values.max(initial=0.0)
         return np.asarray(self._scales[:, None] * (N @ (X[:, massive] / np.sqrt(values[massive]))))
+
+    def vibrations_with_reactions(self) -> tuple[Array, Array, Array]:
+        """Of the whole scene, if all motions have mass: ω (k,) [rad/s], motions X (nv, k) of unit
+        mass and the forces Cqᵀ λ (nv, k) that keep them."""
+        K, nv = np.zeros_like(self._mass), len(self._scales)
+        for columns in self._compiled.layout.bodies:
+            own = slice(columns.iv + 6, columns.iv + 6 + columns.m)
+            K[own, own] = self._compiled.flexbodies[columns.name].K if columns.m else 0.0
+        U = self.unit_motions()
+        squares, Q = np.linalg.eigh(U.T @ K @ U)
+        stiff = squares > _NO_STIFFNESS * squares.max(initial=0.0)
+        X, squares = U @ Q[:, stiff], squares[stiff]
+        scales = np.divide(1.0, self._scales, out=np.zeros(nv), where=self._scales > 0.0)
+        mass = self._mass * np.outer(scales, scales)
+        return np.sqrt(squares), X, mass @ X * squares - K @ X
 
     @cached_property
     def flexible(self) -> list[int]:

@@ -35,10 +35,12 @@ from flexmb.engine.state_rows import store_row_history
 from flexmb.engine.tables import Kkt
 from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.flexbody.natural_modes import mean_motion
+from flexmb.results.output_block import OutputBlock
 
 Complex = NDArray[np.complex128]
 
 _STEP = 1e-5  # of motions of unit size, for differences of wrenches
+_SENSOR_STEP = 1e-4  # of a motion for differences of sensors, over the size of the model
 # Factors cv and cp that make one term of S = M + cv D + cp K dominate all others, or negligible.
 # They are powers of two, so that nothing is rounded. Not zero, as feedback adds its terms only for
 # cv > 0.
@@ -84,6 +86,12 @@ class StateEquations:
         self._turns = self._run.record.sensors.turns[kinds] == 1
         self._places = _matrix_places(compiled.system.kkt)
         self._turning = list(_turning_bodies(compiled))
+
+    def set_row(self, rows: OutputBlock, k: int) -> None:
+        """Set the state to row k of a run."""
+        self.state.t[0], self.state.angles[:] = rows.t[k], 0.0
+        for name in ("q", "v", "vd", "lam"):
+            getattr(self.state, name)[:] = getattr(rows, name)[k]
 
     def residual(self) -> Array:
         """F (nv,) at the state; C is in `work.con.C`."""
@@ -172,6 +180,36 @@ class StateEquations:
         self._motion[0][:], self._motion[1][:], self._motion[2][:] = q, d, q
         self._move()
         return self._motion[2].copy()
+
+
+def sensor_amplitudes(equations: StateEquations, omega: Array, X: Array, lam: Array) -> Array:
+    """(2, channels, k) changes of sensors by vibrations: in phase with places, and with velocities.
+
+    Parameters
+    ----------
+    equations : StateEquations
+        At the state about which the scene vibrates.
+    omega : (k,) array
+        Frequencies [rad/s].
+    X, lam : (nv, k), (nc, k) array
+        Amplitudes of the motions and of the multipliers.
+    """
+    state, system = equations.state, equations.compiled.system
+    base = [x.copy() for x in (state.q, state.v, state.vd, state.lam, state.angles)]
+    change = np.zeros((2, len(equations.compiled.layout.channels), len(omega)))
+    for j, (w, x) in enumerate(zip(omega, X.T, strict=True)):
+        h = _SENSOR_STEP / max(float(np.abs(x * system.weights).max()), 1e-300)
+        for part, sign in product((0, 1), (1.0, -1.0)):
+            if part:
+                state.v[:] = base[1] + sign * h * w * x
+            else:
+                state.q[:] = equations.moved(base[0], sign * h * x)
+                state.vd[:] = base[2] - sign * h * w**2 * x
+                state.lam[:] = base[3] + sign * h * lam[:, j]
+            change[part, :, j] += sign * equations.channels() / (2.0 * h)
+            for name, value in zip(("q", "v", "vd", "lam", "angles"), base, strict=True):
+                getattr(state, name)[:] = value
+    return change
 
 
 def _turning_bodies(compiled: Compiled) -> Iterator[tuple[slice, int, Array, Array]]:

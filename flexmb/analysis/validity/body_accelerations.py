@@ -14,16 +14,24 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import block_diag
 
+from flexmb.analysis.assembly.mechanism_modes import MechanismModes
+from flexmb.analysis.linear.observer import body_axes
+from flexmb.analysis.linear.state_equations import StateEquations, sensor_amplitudes
 from flexmb.analysis.validity.linear_elasticity import JoinedFrame, in_body_axes
+from flexmb.engine.allocation import new_state
+from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody, InertiaResponse
 from flexmb.flexbody.arrays import Array, skew
 from flexmb.results.output_block import OutputBlock
+from flexmb.units import UnitSystem
 
 Complex = NDArray[np.complex128]
 
@@ -221,6 +229,63 @@ class LackingBody:
         by = self.body.omitted_modes.loads if self.body.omitted_modes else np.zeros((0, 0))
         return loads @ by.T if by.shape[1] == loads.shape[1] else np.zeros((len(loads), len(by)))
 
+    @cached_property
+    def tightening(self) -> tuple[Array, float]:
+        """(m,) c per unit of eta, zero without geometric stiffening, and the first frequency ω₁ of
+        a pinned bar [rad/s].
+
+        The tension N of a bar raises the squares ω² of its frequencies by N k²/μ = c ω, with
+        c = N/√(EI μ): its waves have k⁴ = ω² μ/EI. Elongation and bending are those between the two
+        interfaces that are farthest apart, EI is that of the stiffer plane. Waves along it do not
+        stiffen it: means over a run count.
+        """
+        body, none = self.body, (np.zeros(self.body.m), 1.0)
+        ends = max(
+            combinations(body.interfaces, 2), default=None,
+            key=lambda pair: float(np.linalg.norm(pair[1].position - pair[0].position)),
+        )  # fmt: skip
+        if body.centrifugal_stiffness is None or ends is None:
+            return none
+        begin, end = ends
+        arm = end.position - begin.position
+        length = float(np.linalg.norm(arm))
+        moved = end.Phi_t - begin.Phi_t + skew(arm) @ begin.Phi_r
+        compliance = moved @ np.linalg.solve(body.K, moved.T)
+        along, across = arm / max(length, 1e-300), np.linalg.svd(arm[None])[2][1:]
+        lateral = np.linalg.eigvalsh(across @ compliance @ across.T)[0]
+        if length == 0.0 or min(lateral, along @ compliance @ along) <= 0.0:
+            return none
+        density, bending = body.mass / length, length**3 / (3.0 * lateral)
+        tension = along @ moved / (along @ compliance @ along)
+        first = np.pi**2 * np.sqrt(bending / density) / length**2
+        return tension / np.sqrt(bending * density), float(first)
+
+    def tension(self, rows: OutputBlock) -> Array:
+        """(t,) c of `tightening` [rad/s]."""
+        first = self.columns.iq + 7
+        eta = rows.q[:, first : first + self.columns.m]
+        return np.asarray((eta @ self.tightening[0]).clip(0.0))
+
+    def omega_squares(self, tension: Array) -> Array:
+        """(t, o) squares of the frequencies of modes that are left out, with tension c (t,)."""
+        return np.asarray(self.omega**2 + tension[:, None] * self.omega)
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return self.columns.name
+
+    def beyond(self, path: str, hertz: float, units: UnitSystem) -> str:
+        """The sentence on a drive above the frequencies of the modes that are left out, or ""."""
+        last = self.omega.max(initial=0.0) / (2.0 * np.pi)
+        if hertz <= last:
+            return ""
+        return (
+            f"bodies.{self.name}: {path} oscillates with {units.say(hertz, 'Hz', 4)}; what modes "
+            f"that were left out do there is known up to {units.say(last, 'Hz', 4)} only: reduce "
+            f"it with modes = {{ frequency = {1.5 * hertz:.2g} }}"
+        )
+
     @property
     def part(self) -> slice:
         """Its velocity coordinates."""
@@ -232,16 +297,9 @@ class LackingBody:
         scaled = self.force / self.omega[:, None]
         return np.asarray(self.C.T @ (self.rest + scaled.T @ scaled) @ self.C)
 
-    def at_interfaces(self, joined: Collection[str]) -> tuple[Array, Array]:
-        """What the modes that are left out do at interfaces, of which some are `joined`.
-
-        Returns
-        -------
-        forces : (o,) array
-            Largest force at a joined one per acceleration of each mode, with all of them at rest.
-        motions : (o,) array
-            Largest motion of one over that of each mode, with none of them at rest.
-        """
+    def interface_forces(self, joined: Collection[str]) -> Array:
+        """(o,) largest force at a `joined` interface per acceleration of each mode that is left
+        out, with all of them at rest."""
         n, mass, size = 6 + self.body.m, self.accelerations.mass, self.body.characteristic_length
         sizes = np.where(mass.diagonal() > 0.0, mass.diagonal(), mass[0, 0])
         unit, none, places = np.eye(3), np.zeros((3, 3)), self.body.interfaces
@@ -255,11 +313,21 @@ class LackingBody:
         K = block_diag(np.zeros((6, 6)), self.body.K) * np.outer(scales, scales)
         A = np.block([[K / K.max(), (B * scales).T], [B * scales, np.zeros((len(B),) * 2)]])
         units = np.linalg.lstsq(A, np.eye(n + len(B))[:, n:], rcond=None)[0][:n]
-        force = self.force @ self.C  # on motions with one unit at an interface, and on free ones
-        pulls, ways = force @ (scales[:, None] * units), force @ self.accelerations.inverse @ B.T
-        pulls, ways = (
-            np.linalg.norm(x.reshape(len(force), len(places), 6)[..., :3], axis=2)
-            for x in (pulls, ways)
-        )
+        pulls = self.force @ self.C @ (scales[:, None] * units)
+        pulls = np.linalg.norm(pulls.reshape(len(pulls), len(places), 6)[..., :3], axis=2)
         at_joints = [one.name in joined for one in places]
-        return pulls.max(axis=1, initial=0.0, where=at_joints), ways.max(axis=1, initial=0.0)
+        return np.asarray(pulls.max(axis=1, initial=0.0, where=at_joints))
+
+    def sensor_changes(self, compiled: Compiled, row: OutputBlock, mode: int) -> Array:
+        """(channels,) amplitude at sensors, over that of a mode that is left out, as its inertia
+        moves the scene about a row of a run."""
+        number, system = compiled.layout.bodies.index(self.columns), compiled.system
+        scene = MechanismModes(compiled, row.q[0], list(range(len(compiled.layout.bodies))))
+        force, motions = (self.force @ self.C)[mode], scene.unit_motions()
+        force[:3] = body_axes(compiled, row.q[0])[number] @ force[:3]
+        X = motions @ (motions[self.part].T @ force[:, None])
+        equations = StateEquations(compiled, new_state(system, len(compiled.layout.channels)))
+        equations.set_row(row, 0)
+        none = np.zeros((compiled.layout.nc, 1))
+        both = sensor_amplitudes(equations, self.omega[[mode]], X, none)[..., 0]
+        return np.asarray(np.linalg.norm(both, axis=0))

@@ -6,6 +6,7 @@ resonance a small error of a frequency is a large one of the motion.
 
 What a body lacks follows its accelerations x as y = C x/ω² (a static response), or as oscillators
 where it is stored as modes (:class:`flexmb.flexbody.OmittedModes`), and acts on the body by −Cᵀ ÿ.
+Tension of a bar with geometric stiffening raises their frequencies ω (`LackingBody.tightening`).
 So the difference δ of the motion from that of the full model satisfies, in the mechanism and
 linearised about a row of the run,
 
@@ -29,6 +30,7 @@ too small to matter at any marker, nothing else is computed.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -70,6 +72,7 @@ _SMALL_CHANGE = 0.5 * LARGEST_CHANGE  # below which the bound of a change needs 
 _MOST_TURN = 2.0 * np.pi  # of a body between two rows [rad]: what it lacks is not known beyond
 _STEP = 1e-4  # of a motion for differences of sensors, over the size of the model
 _LEAST_RANGE = 1e-7  # range of a sensor, over the size of the model, that is a motion
+_MEMORY = 3.0  # rate at which a mean of tensions forgets, over the first frequency of a pinned bar
 
 
 class _Slopes(NamedTuple):
@@ -115,6 +118,9 @@ class FrequencyErrorMonitor:
         self._joined = _relative_rotations(compiled, model)
         n_o, nv = sum(len(one.omega) for one in self._bodies), compiled.layout.nv
         self._duration = model.dynamics.duration if model.dynamics else 0.0
+        # Sums of tensions and of their weights so far; means up to each of the rows at hand.
+        self._sums, self._tension = np.zeros((len(self._bodies), 2)), np.zeros((0, 0))
+        self._tightest = np.zeros(len(self._bodies))  # largest mean tension so far
         self._interval = np.zeros(1)  # between rows, s
         self._since = np.full(1, np.inf)  # when the integration began
         self._row = np.zeros((0, 1))  # time and forces of the last row, and their last rate
@@ -130,6 +136,7 @@ class FrequencyErrorMonitor:
             return
         self._least = np.minimum(self._least, rows.sensors.min(axis=0))
         self._most = np.maximum(self._most, rows.sensors.max(axis=0))
+        self._tension = self._mean_tension(rows)
         table = self._table(rows)
         if not len(self._row):  # modes that are left out begin at rest if the others do
             at_rest = all(not rows.v[0, one.part][6:].any() for one in self._bodies)
@@ -152,14 +159,27 @@ class FrequencyErrorMonitor:
             pose = self._poses[near[part[0]]][1]
             self._integrate(pose, rows.t[at], h[at], _Slopes(*(x[at] for x in slopes)), table[at])
 
+    def _mean_tension(self, rows: OutputBlock) -> Array:
+        """(bodies, t) mean tension up to each row, over the slowest vibration of a bar."""
+        now = np.array([one.tension(rows) for one in self._bodies])
+        first = np.array([one.tightening[1] for one in self._bodies])
+        last = self._row[0, 0] if len(self._row) else rows.t[0]
+        means, sums = np.empty_like(now), self._sums
+        for k, h in enumerate(np.diff(np.append(last, rows.t))):
+            values = np.column_stack([now[:, k], np.ones(len(now))])
+            sums = np.exp(-_MEMORY * first * h)[:, None] * sums + values
+            means[:, k] = sums[:, 0] / sums[:, 1]
+        self._sums = sums
+        return means
+
     def _table(self, rows: OutputBlock) -> Array:
         """(t, columns) time; forces: S of each body, in body axes, then y of its modes;
         angular velocities of the bodies."""
         parts, modes = [], []
         loads = self._basis.node_loads(rows)
-        for one, k in zip(self._bodies, self._places, strict=True):
+        for one, k, tension in zip(self._bodies, self._places, self._tension, strict=True):
             x = one.accelerations.of_material(rows)
-            y = (x @ one.force.T + one.load_forces(loads[k])) / one.omega**2
+            y = (x @ one.force.T + one.load_forces(loads[k])) / one.omega_squares(tension)
             parts.append((x @ one.rest + y @ one.force) @ one.C)
             modes.append(y)
         turns = [one.accelerations.omega(rows) for one in self._bodies]
@@ -226,7 +246,7 @@ class FrequencyErrorMonitor:
         return near
 
     def _marks(self, rows: OutputBlock) -> Array:
-        """(t, n) rotations between bodies, and speeds of flexible ones over a frequency."""
+        """(t, n) rotations between bodies; speeds of flexible ones over a frequency; tension."""
         A = {-1: np.broadcast_to(np.eye(3), (len(rows.t), 3, 3))}
         for k, body in enumerate(self._compiled.layout.bodies):
             A[k] = _rotations(rows.q[:, body.iq + 3 : body.iq + 7])
@@ -234,11 +254,16 @@ class FrequencyErrorMonitor:
             np.einsum("tij,tik->tjk", A[i], A[j]).reshape(len(rows.t), 9) / np.sqrt(2.0)
             for i, j in self._joined
         ]
-        for one in self._bodies:
+        for n, (one, tension) in enumerate(zip(self._bodies, self._tension, strict=True)):
             mass = max(np.linalg.eigvalsh(one.body.M_eta)[-1], 1e-300)  # the largest modal one
             lowest = np.sqrt(np.linalg.eigvalsh(one.body.K)[0] / mass)
             iv = one.columns.iv
             parts.append(rows.v[:, iv + 3 : iv + 6] / lowest)
+            largest = np.maximum.accumulate(np.append(self._tightest[n], tension))[1:]
+            self._tightest = np.where(
+                np.arange(len(self._bodies)) == n, largest[-1], self._tightest
+            )
+            parts.append(np.log1p(largest / one.tightening[1])[:, None])
         return np.hstack(parts)
 
     def _pose(self, rows: OutputBlock, k: int) -> PoseVibrations:
@@ -248,9 +273,7 @@ class FrequencyErrorMonitor:
             state = new_state(compiled.system, len(compiled.layout.channels))
             self._equations = StateEquations(compiled, state)
         equations, state = self._equations, self._equations.state
-        state.t[0], state.angles[:] = rows.t[k], 0.0
-        for name in ("q", "v", "vd", "lam"):
-            getattr(state, name)[:] = getattr(rows, name)[k]
+        equations.set_row(rows, k)
         fastest = max(self._bodies, key=lambda one: float(np.linalg.norm(state.v[one.part][3:6])))
         along, tangents = RowsAlongMotion(compiled, state), equations.tangents()
         of = MinimalEquations(along, tangents, fastest.columns.name)
@@ -275,7 +298,11 @@ class FrequencyErrorMonitor:
         matrices = T.T @ D @ T, T.T @ K @ T
         times = float(self._interval[0]), self._duration
         motions = X, Xd, project
-        return PoseVibrations.of(self._bodies, motions, omega, matrices, moved, turns, times)
+        bodies = [
+            replace(one, omega=np.sqrt(one.omega_squares(tension[[k]])[0]))
+            for one, tension in zip(self._bodies, self._tension, strict=True)
+        ]
+        return PoseVibrations.of(bodies, motions, omega, matrices, moved, turns, times)
 
     def _seen(self, equations: StateEquations, X: Array) -> Array:
         """(channels, d) change of the sensors by motions X (nv, d)."""

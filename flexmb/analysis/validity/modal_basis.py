@@ -12,10 +12,11 @@ The lowest omitted modes are integrated together with the run, as oscillators th
 and loads drive; exactly for forces that are linear between rows (Biggs, Introduction to Structural
 Dynamics, 1964, ch. 2). Their response beyond the static one is the truncation error, which
 resonates near their frequencies. A modal coordinate y moves some point of the body by 2 y/√m (the
-free end of a beam of mass m); an interface, which is at rest in it, by its inertia alone, and it
-pulls at that with the force of this inertia. Positions may be wrong by that, velocities and
-accelerations by ω and ω² times that, joint forces by this force. A run is refused by this error
-over the range of its sensors, or, without such sensors, by the share of the deformation.
+free end of a beam of mass m). An interface, which is at rest in it, moves by its inertia alone, as
+the joints of the scene let it, and it pulls at that with the force of this inertia. Positions may
+be wrong by that, velocities and accelerations by ω and ω² times that, joint forces by this force. A
+run is refused by this error over the range of its sensors, or, without such sensors, by the share
+of the deformation.
 
 What a shock excites is first seen in the fast modes, and in all others within a period of the body
 as it is joined. So no run is refused before such a period, or its end.
@@ -23,7 +24,7 @@ as it is joined. So no run is refused before such a period, or its end.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -32,7 +33,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from flexmb.analysis.assembly.jacobian import MAX_COORDINATES
+from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, n_free
 from flexmb.analysis.linear.linearization import Linearization
 from flexmb.analysis.monitors import Indicator
 from flexmb.analysis.validity.body_accelerations import BodyAccelerations, LackingBody
@@ -64,10 +65,9 @@ from flexmb.flexbody import FlexBody, InertiaResponse, LoadResponse
 from flexmb.flexbody.arrays import Array
 from flexmb.flexbody.static_response import LARGEST_SHARE, LEAST_MOTION
 from flexmb.model.excitation import (
+    fastest_drives,
     loads_beside_interfaces,
-    loads_on_bodies,
     nodes_of_sensor,
-    oscillations,
     slowest_oscillation,
 )
 from flexmb.model.model import Model
@@ -84,6 +84,7 @@ _ROUND_OFF = 2e-14  # displacement over the distance from the origin that is rou
 # Power of ω in the error of a sensor.
 _POWER_OF_OMEGA = {"position": 0, "distance": 0, "velocity": 1, "acceleration": 2, "reaction": 2}
 _CURE = "name the point as an interface, or give the body a force there among its loads"
+_VISIBLE = 1e-3  # change of a sensor over its range that is told
 _LEAST_RANGE = 1e-7  # range of a sensor, by the size of the model and the run, that is a motion
 
 
@@ -96,7 +97,8 @@ class _MonitoredBody:
     accelerations: BodyAccelerations
     frame: JoinedFrame
     period: float  # of its lowest natural frequency as joined, s
-    at_interfaces: tuple[Array, Array]  # force and motion by each omitted mode
+    lacking: LackingBody | None
+    pulls: Array  # (o,) largest force at joined interfaces by each omitted mode
     markers: Indices  # markers of the engine at which loads act on nodes
     places: Indices  # first of six columns of each in `load_response`; -1: the node is not in it
     least: float  # mass × square of the least displacement that counts, kg m^2
@@ -128,6 +130,7 @@ class ModalBasisMonitor:
 
     def __init__(self, compiled: Compiled, model: Model, is_motion: bool = True) -> None:
         self._units, self._window = model.units, _ROWS_IN_SUCCESSION if is_motion else 1
+        self._compiled = compiled
         self._paths: dict[str, str] = {}
         for path, owner, _ in loads_beside_interfaces(model):
             paths = self._paths.get(owner, "").split(", ")
@@ -138,7 +141,10 @@ class ModalBasisMonitor:
             _monitored_body(compiled, columns, body, model, columns.name in self._paths, Cq)
             for columns, body in pairs
         ]
-        self.beyond = _beyond_omitted_modes(model, self._bodies) if is_motion else {}
+        drives = fastest_drives(model) if is_motion else {}
+        lacking = [one.lacking for one in self._bodies if one.lacking and one.name in drives]
+        beyond = {one.name: one.beyond(*drives[one.name], model.units) for one in lacking}
+        self.beyond = {name: sentence for name, sentence in beyond.items() if sentence}
         n = len(self._bodies)
         # twice the largest strain energy so far, of modes or of missing responses; of modes or
         # whole responses
@@ -159,7 +165,7 @@ class ModalBasisMonitor:
         self._sensors = [
             (
                 [k for k, one in enumerate(compiled.layout.channels) if one.split(".")[0] == name],
-                _POWER_OF_OMEGA[spec.type],
+                _POWER_OF_OMEGA[spec.type] + getattr(spec, "derivative", 0),
                 None
                 if spec.type == "reaction"
                 else {marker.partition(".")[0] for marker in nodes_of_sensor(model, spec)},
@@ -169,6 +175,9 @@ class ModalBasisMonitor:
         ]
         self._size, self._slowest = compiled.length, 2.0 * np.pi / (whole or np.inf)
         self._least, self._most = np.array(np.inf), np.array(-np.inf)  # range of all channels
+        self._pose: dict[int, OutputBlock] = {}  # the row in which an omitted mode vibrates most
+        none = np.zeros(len(compiled.layout.channels))
+        self._changes: tuple[tuple[int, int, float], Array] = (-1, 0, 0.0), none
         self._unknown = np.zeros(n)  # largest force at a node that is not in `load_response`
         self._work: tuple[Any, Any, Any] | None = None
         self._loads: tuple[Array, list[Array]] = np.zeros(0), []  # loads at nodes in the last rows
@@ -199,7 +208,7 @@ class ModalBasisMonitor:
                 self._compare(LOADS, k, rows.t, one.body.load_response, loads[k], size)
             if one.body.omitted_modes is not None:
                 x = one.accelerations.of_material(rows)
-                self._integrate_omitted_modes(k, rows.t, x, loads[k])
+                self._integrate_omitted_modes(k, rows, x, loads[k])
 
     def _compare(
         self, what: int, k: int, t: Array, response: InertiaResponse | LoadResponse, c: Array,
@@ -227,21 +236,21 @@ class ModalBasisMonitor:
         if missing > 4.0 * self._began[what, 0, k]:
             self._began[what, :, k] = missing, t
 
-    def _integrate_omitted_modes(self, k: int, t: Array, x: Array, loads: Array) -> None:
+    def _integrate_omitted_modes(self, k: int, rows: OutputBlock, x: Array, loads: Array) -> None:
         """Integrate the omitted modes of a body, and update their largest energy."""
-        one, omitted = self._bodies[k], self._bodies[k].body.omitted_modes
-        assert omitted is not None
-        force = x @ np.hstack([omitted.inertia, omitted.modes]).T
-        if loads.shape[1] == omitted.loads.shape[1]:
-            force = force + loads @ omitted.loads.T
-        oscillators = self._oscillators[k]
-        beyond = oscillators.integrate(t, force, self._vibration[k, : len(oscillators.omega)])
+        t, one, lacking = rows.t, self._bodies[k], self._bodies[k].lacking
+        assert lacking is not None
+        force = x @ lacking.force.T + lacking.load_forces(loads)
+        oscillators, tension = self._oscillators[k], float(lacking.tension(rows).mean())
+        state = self._vibration[k, : len(oscillators.omega)]
+        beyond = oscillators.integrate(t, force, state, tension)
         energy = energies_of_vibrations(oscillators.omega, beyond)
         energy = np.where(energy > one.least * oscillators.omega**2, energy, 0.0)
         update_largest(self._alone[k], energy, t)
         row, mode = np.unravel_index(int(energy.argmax()), energy.shape)
         if energy[row, mode] > self._largest[TRUNCATION, 0, k]:
             self._update_largest(TRUNCATION, k, energy[row, mode], t[row], float(mode))
+            self._pose[k] = rows.part(int(row), int(row) + 1)
 
     def act_back(self, k: int, energy: Array, t: Array, since: Array) -> None:
         """Add energies (t, o) of modes of body k that act back on it, as known since times (o,)."""
@@ -308,18 +317,31 @@ class ModalBasisMonitor:
         k, j = self._bodies.index(one), int(mode)
         if not share or not self._sensors or not self._most.ndim:
             return None
-        omega, (forces, motions) = self._oscillators[k].omega[j], one.at_interfaces
+        omega, moves = self._oscillators[k].omega[j], self._carried(k, j)
         y, changes = np.sqrt(self._vibrations(k)[3]) / omega, list[float]()
         for columns, power, beside in self._sensors:
             size = float((self._most - self._least)[columns].max())
-            moved, still = y * motions[j], _LEAST_RANGE * self._size * self._slowest**power
+            moved, still = (
+                y * moves[columns].max(),
+                _LEAST_RANGE * self._size * self._slowest**power,
+            )
             if beside is None:
-                moved, still = y * forces[j], still * one.body.mass
+                moved, still = y * one.pulls[j] * omega**2, still * one.body.mass
             elif one.name in beside:
-                moved = 2.0 * y / np.sqrt(one.body.mass)
+                moved = 2.0 * y / np.sqrt(one.body.mass) * omega**power
             if size > still:
-                changes.append(moved * omega**power / size)
+                changes.append(moved / size)
         return max(changes, default=None)
+
+    def _carried(self, k: int, mode: int) -> Array:
+        """(channels,) change of sensors as the scene moves by the inertia of an omitted mode."""
+        lacking, row = self._bodies[k].lacking, self._pose.get(k)
+        if row is None or lacking is None or n_free(self._compiled) > MAX_COORDINATES:
+            return np.zeros(len(self._compiled.layout.channels))
+        key = k, mode, float(row.t[0])
+        if self._changes[0] != key:
+            self._changes = key, lacking.sensor_changes(self._compiled, row, mode)
+        return self._changes[1]
 
     def notes(self) -> Iterator[str]:
         """Sentences on bodies whose missing response to the loads of the run is not known."""
@@ -384,9 +406,9 @@ class ModalBasisMonitor:
         )
 
     def _truncation(self, one: _MonitoredBody, share: float, t: float, mode: float) -> str:
-        change = self._sensor_change(one, share, mode)
+        change = self._sensor_change(one, share, mode) or 0.0
         hertz = self._oscillators[self._bodies.index(one)].omega[int(mode)] / (2.0 * np.pi)
-        sensors = "" if change is None else f", and change sensors by up to {percent(change)}"
+        sensors = f", and change sensors by up to {percent(change)}" if change > _VISIBLE else ""
         return (
             f"bodies.{one.name}: a mode of {self._units.say(hertz, 'Hz', 3)} that it does not have "
             f"would vibrate with {percent(share)} of its deformation at t = "
@@ -417,33 +439,11 @@ def _monitored_body(
     least = max(LEAST_MOTION * body.characteristic_length, _ROUND_OFF * away)
     frequencies, _ = joined_modes(body, columns, compiled.initial_q, Cq)
     lacking = LackingBody.of(columns, body, np.zeros(3))
-    at_interfaces = np.zeros(0), np.zeros(0)
+    pulls = np.zeros(0)
     if lacking is not None:
-        at_interfaces = lacking.at_interfaces(joined_interfaces(body, columns.name, model))
+        pulls = lacking.interface_forces(joined_interfaces(body, columns.name, model))
     return _MonitoredBody(
         columns, body, accelerations, frame, 2.0 * np.pi / frequencies.min(initial=np.inf),
-        at_interfaces, np.array(markers, np.int64), np.array(places, np.int64),
+        lacking, pulls, np.array(markers, np.int64), np.array(places, np.int64),
         least**2 * body.mass,
     )  # fmt: skip
-
-
-def _beyond_omitted_modes(model: Model, bodies: Iterable[_MonitoredBody]) -> dict[str, str]:
-    """A sentence on each body, by name, that is driven faster than its omitted modes are known."""
-    places = {(path, owner) for path, owner, _ in loads_on_bodies(model)}
-    for name, driver in model.drivers.items():
-        on = (owner for path, owner in places if path == f"joints.{driver.joint}")
-        places |= {(f"drivers.{name}", owner) for owner in on}
-    sentences = {}
-    for one in bodies if places else ():
-        omitted = one.body.omitted_modes
-        last = np.inf if omitted is None else omitted.frequency.max(initial=0.0)
-        drives = [drive for drive in oscillations(model) if (drive[0], one.name) in places]
-        path, hertz = max(drives, key=lambda drive: drive[1], default=("", 0.0))
-        if hertz > last:
-            say = partial(model.units.say, unit="Hz", digits=4)
-            sentences[one.name] = (
-                f"bodies.{one.name}: {path} oscillates with {say(hertz)}; what modes that were "
-                f"left out do there is known up to {say(last)} only: reduce it with modes = "
-                f"{{ frequency = {1.5 * hertz:.2g} }}"
-            )
-    return sentences

@@ -275,6 +275,7 @@ class OmittedBendMonitor:
 
     def __init__(self, compiled: Compiled, model: Model) -> None:
         self._units, self._channels = model.units, compiled.layout.channels
+        self._size = compiled.length
         self._sensors = list(_sensors_without_bend(compiled, model))
         self._least, self._most = np.array(np.inf), np.array(-np.inf)  # range of all channels
         self._largest = np.zeros((len(self._sensors), 4))  # change along each axis, its time
@@ -304,7 +305,7 @@ class OmittedBendMonitor:
             self._sensors, self._largest, strict=True
         ):
             own = [k for k, one in enumerate(self._channels) if one.partition(".")[0] == name]
-            least = max(_LEAST_RANGE * ranges[own].max(), np.finfo(float).tiny)
+            least = max(_LEAST_RANGE * ranges[own].max(), LEAST_MOTION * self._size)
             axes = {k: "xyz".find(self._channels[k][-1]) for k in own if ranges[k] > least}
             share = max((float(change[axis] / ranges[k]) for k, axis in axes.items()), default=0.0)
             options = " ".join(f"--load-point {node}" for node in lacking)

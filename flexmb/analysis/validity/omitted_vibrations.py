@@ -1,19 +1,27 @@
-"""Vibrations that kinetostatic modes exclude: their response along a run, over the deformation.
+"""Vibrations that quasi-static modes exclude: their response along a run, over the deformation, and
+at sensors and reactions.
 
-These are the vibrations of all flexible bodies in the first pose with the kinetostatic modes as
-massless springs (static condensation), less those that remain with these modes fixed; such as a
-heavy body on the compliance of a beam. Springs, gravity and other forces are not counted. The
-response d of each, beyond the static one, is integrated along the run: d̈ + 2ζω ḋ + ω² d = −ä,
-with a its modal part of the computed deformation, a cubic by values and rates of two rows. If a
-load or an acceleration of a driver jumps or has a kink between them, a has the shape of that
-function of time. So d is that of a shock spectrum: |a| for a step; 2|a sin(ωT/2)|/(ωT) after a ramp
-of duration T, and |a|/(ωT) during it (Biggs, Introduction to Structural Dynamics, 1964, ch. 2).
+These are the vibrations of the scene in the first pose with the mass of all modes. Springs, gravity
+and other forces are not counted. The response d of each, beyond that of the run, is integrated
+along it: d̈ + 2ζω ḋ + ω² d = −ä. With kinetostatic modes a is its modal part of the deformation of
+the run, zero for vibrations that the run has with these modes fixed. Others are massless springs
+that move with the masses at their ends: a = φᵀ ΔM η, ΔM the mass that they lack. All begin in
+elastic equilibrium, also where their vibrations would not. a is a cubic by values and rates of two
+rows. If a load or an acceleration of a driver jumps or has a
+kink between them, a has the shape of that function of time. So d is that of a shock spectrum: |a|
+for a step; 2|a sin(ωT/2)|/(ωT) after a ramp of duration T, and |a|/(ωT) during it (Biggs,
+Introduction to Structural Dynamics, 1964, ch. 2).
+
+A vibration of amplitude d moves a sensor, and adds Cqᵀ λ = ω² M φ − K φ to the reactions, in the
+pose that the scene has then. Those of several vibrations are added as in shock spectra, by the root
+of the sum of their squares.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from copy import copy
+from itertools import product
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -21,7 +29,9 @@ from scipy.linalg import block_diag
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, n_free
 from flexmb.analysis.assembly.mechanism_modes import MechanismModes
 from flexmb.analysis.functions_of_time import AT_ONCE, kinked_functions
+from flexmb.analysis.linear.state_equations import StateEquations, sensor_amplitudes
 from flexmb.analysis.monitors import Indicator
+from flexmb.engine.allocation import new_state
 from flexmb.engine.bodies.static_modes import static_bodies, static_coordinates
 from flexmb.engine.compile import Compiled
 from flexmb.engine.method_selection import NONSTIFF_METHOD, STIFF_METHOD
@@ -29,6 +39,7 @@ from flexmb.errors import AssemblyError
 from flexmb.flexbody.arrays import Array
 from flexmb.model.model import Model
 from flexmb.results.output_block import OutputBlock
+from flexmb.units import percent
 
 #: Words of the sentence on omitted vibrations.
 LEFT_OUT = "quasi-static modes leave out vibrations"
@@ -44,6 +55,12 @@ _MAX_RATE_ERROR, _MAX_RATE_ERROR_AFTER_BEND = 0.3, 0.02
 # deformation between them shows its influence.
 _MIN_NET_CHANGE = 0.5
 _SERIES_LIMIT = 1e-2  # |λ h| below which integrals are computed by series
+# Parts of a run, in each of which sensors are looked at in one pose; where in it, as irregular
+# fractions, so that not all poses of a machine that turns are one.
+_POSES, _GOLDEN, _INNER = 16, 0.6180339887, 0.9
+_SMALL = 1e-3  # response over the deformation below which sensors are not looked at
+_LARGE = 0.1  # amplitude over the largest of a vibration whose frequency is told
+_LEAST_REACTION, _LEAST_RANGE = 1e-3, 1e-6  # range over the largest that is judged; of sensors
 
 
 class VibrationResponse:
@@ -106,7 +123,7 @@ class VibrationResponse:
 
 
 class OmittedVibrationMonitor:
-    """Response of omitted vibrations, over the deformation.
+    """Response of omitted vibrations, over the deformation and at sensors and reactions.
 
     Parameters
     ----------
@@ -117,35 +134,41 @@ class OmittedVibrationMonitor:
     """
 
     def __init__(self, compiled: Compiled, model: Model, q: Array) -> None:
+        self._compiled, self._model, self._units = compiled, model, model.units
         explicit = model.dynamics is not None and model.dynamics.method == NONSTIFF_METHOD
-        still = static_coordinates(compiled.system, kinetostatic=not explicit)
-        self._cure = 'deformation = "automatic" has them'
-        if explicit:
-            self._cure = f'method = "{STIFF_METHOD}" has those of bodies not "quasi-static"'
         self._bodies = [body for body in compiled.layout.bodies if body.m]
-        self._omega, self._parts = np.zeros(0), np.zeros((0, 0))
+        self._omega, self._parts = np.zeros(0), np.zeros((2, 0, 0))
         self._largest = np.zeros(3)  # largest response, its time, and largest deformation
         self._last = np.zeros((0, 0))  # (3, k) time, modal parts, their rates in the last row
-        if not len(still) or n_free(compiled) > MAX_COORDINATES:
+        if not len(static_coordinates(compiled.system)) or n_free(compiled) > MAX_COORDINATES:
             return
         every, kinetostatic = static_bodies(compiled.system)
-        rows = every if explicit else kinetostatic
-        self._names = [compiled.layout.bodies[k].name for k in rows]
+        self._names = [compiled.layout.bodies[k].name for k in every]
+        still = static_coordinates(compiled.system, kinetostatic=not explicit)
+        self._cure = f'deformation = "{"automatic" if kinetostatic else "dynamic"}" has them'
+        if explicit:
+            self._cure = f'method = "{STIFF_METHOD}" has those of bodies not "quasi-static"'
         scene = MechanismModes(compiled, q, list(range(len(compiled.layout.bodies))))
         flexible = [k for k, body in enumerate(compiled.layout.bodies) if body.m]
         try:
-            free = scene.vibrations(*flexible)
+            self._omega, X, _ = self._vibrations(q)
             remaining = scene.vibrations(*flexible, still=still).omega
-        except AssemblyError:  # motions without inertia
+        except (AssemblyError, np.linalg.LinAlgError):  # motions without inertia
+            self._omega = np.zeros(0)
             return
-        gone = [
-            k
-            for k, w in enumerate(free.omega)
-            if not np.any(np.abs(remaining - w) < _SAME_FREQUENCY * w)
-        ]
-        self._omega = free.omega[gone]
+        near = np.abs(remaining - self._omega[:, None]) < _SAME_FREQUENCY * self._omega[:, None]
+        self._gone = gone = np.asarray(~near.any(axis=1))
         self._K = block_diag(*(compiled.flexbodies[body.name].K for body in self._bodies))
-        self._parts = free.eta[:, gone].T @ self._K / self._omega[:, None]  # a ω per unit of eta
+        self._modal = np.concatenate([one.iv + 6 + np.arange(one.m) for one in self._bodies])
+        self._places = np.concatenate([one.iq + 7 + np.arange(one.m) for one in self._bodies])
+        self._shapes = X[self._modal]
+        by_deformation = self._shapes.T @ self._K / self._omega[:, None]  # a ω per unit of eta
+        lacking, beginning = by_deformation * gone[:, None], by_deformation
+        if len(still):
+            beginning = lacking
+        else:
+            lacking = self._shapes.T @ self._missing_mass() * self._omega[:, None]
+        self._parts = np.stack([lacking, beginning])
         self._last = np.full((3, len(gone)), np.nan)
         self._response = VibrationResponse(self._omega)
         self._bent = np.array([False])  # whether there was a kink before the last row
@@ -154,29 +177,97 @@ class OmittedVibrationMonitor:
         self._duration = spec.duration if spec is not None else 0.0
         self._loads = kinked_functions(compiled, self._duration) if len(gone) else []
         self._influence = np.full((len(self._loads), len(gone)), np.nan)  # of loads on the parts
+        self._begin = np.zeros(1)  # response to the start
+        self._amplitudes = np.zeros((_POSES, len(gone)))  # largest d ω of each part of the run
+        self._changes: dict[int, Array] = {}  # of channels and reactions, in a pose of each part
+        self._least, self._most = np.array(np.inf), np.array(-np.inf)  # of these in the run
+        self._equations: StateEquations | None = None
 
-    @property
-    def _frequency(self) -> float:
-        return float(self._omega[0]) / (2.0 * np.pi)
+    def _vibrations(self, q: Array) -> tuple[Array, Array, Array]:
+        """Those of the scene with the mass of all modes, in the pose q."""
+        every = list(range(len(self._compiled.layout.bodies)))
+        return MechanismModes(self._compiled, q, every, every_mass=True).vibrations_with_reactions()
+
+    def _missing_mass(self) -> Array:
+        """(m, m) mass of the modes of all bodies that quasi-static modes lack."""
+        parts, blocks = self._compiled.system.parts, list[Array]()
+        for one in self._bodies:
+            row = parts.bodies[parts.bodies["iv"] == one.iv][0]
+            at = int(row["flex"]) + 12 * one.m
+            mass = parts.pool[at : at + one.m**2].reshape(one.m, one.m)
+            blocks.append(self._compiled.bodies[one.name].M_eta - mass)
+        return np.asarray(block_diag(*blocks))
 
     def add(self, rows: OutputBlock) -> None:
         """Add the next rows."""
-        if len(self._omega):
-            self._response = copy(self._response)
-        for t, q, v in zip(rows.t, rows.q, rows.v, strict=True) if len(self._omega) else ():
-            eta = np.concatenate([q[one.iq + 7 : one.iq + 7 + one.m] for one in self._bodies])
-            rate = np.concatenate([v[one.iv + 6 : one.iv + 6 + one.m] for one in self._bodies])
+        if not len(self._omega) or not len(rows.t):
+            return
+        self._response, self._amplitudes = copy(self._response), self._amplitudes.copy()
+        every = np.hstack([rows.sensors, rows.reactions])
+        self._least = np.minimum(self._least, every.min(axis=0))
+        self._most = np.maximum(self._most, every.max(axis=0))
+        for k, t in enumerate(rows.t):
+            eta, rate = rows.q[k, self._places], rows.v[k, self._modal]
             self._largest[2] = max(self._largest[2], np.sqrt(eta @ self._K @ eta))
-            now = np.array([np.full(len(self._omega), t), self._parts @ eta, self._parts @ rate])
+            parts = self._parts[0]
+            now = np.array([np.full(len(self._omega), t), parts @ eta, parts @ rate])
             last, self._last = self._last, now
             if np.isnan(last[0, 0]):
                 if t == 0.0 and self._undeformed:
-                    self._response.jump(now[1])
+                    self._response.jump(self._parts[1] @ eta)
                     self._update_largest(self._response.amplitude, 0.0)
+                    self._begin = self._largest[:1].copy()
             elif t > last[0, 0]:
                 self._advance(last, now)
+            self._add_pose(rows, k)
+
+    def _add_pose(self, rows: OutputBlock, k: int) -> None:
+        """Compute what vibrations change in the pose of row k, if its part of the run has none."""
+        share = _POSES * rows.t[k] / self._duration if self._duration else 0.0
+        part = min(int(share), _POSES - 1)
+        large = self._largest[0] > _SMALL * self._largest[2]
+        if large and part not in self._changes and share - part >= part * _GOLDEN % 1.0 * _INNER:
+            try:
+                self._changes[part] = self._changes_of(rows, k)
+            except np.linalg.LinAlgError:
+                self._changes[part] = np.zeros((len(self._least), len(self._omega)))
+
+    def _changes_of(self, rows: OutputBlock, k: int) -> Array:
+        """(n, k) changes of channels and reactions in the pose of a row, per unit of d ω."""
+        compiled = self._compiled
+        if self._equations is None:
+            state = new_state(compiled.system, len(compiled.layout.channels))
+            self._equations = StateEquations(compiled, state)
+        equations = self._equations
+        equations.set_row(rows, k)
+        omega, X, forces = self._vibrations(rows.q[k])
+        Cq = equations.tangents().Cq
+        lam = np.asarray(np.linalg.lstsq(Cq.T, forces, rcond=None)[0], np.float64)
+        own = sensor_amplitudes(equations, omega, X, lam)
+        reactions = self._reaction_changes(equations, Cq, lam)
+        change = np.concatenate([own, np.stack([reactions, 0.0 * reactions])], axis=1)
+        turn = X[self._modal].T @ self._K @ self._shapes / omega[:, None] ** 2
+        return np.asarray(np.linalg.norm(change @ turn / self._omega, axis=0))
+
+    def _reaction_changes(self, equations: StateEquations, Cq: Array, lam: Array) -> Array:
+        """(12 n, k) changes of reactions, as of the table of the run, in global axes."""
+        layout, rows = self._compiled.layout, self._compiled.system.rows
+        markers, bodies = self._compiled.system.parts.markers, self._compiled.system.parts.bodies
+        change = np.zeros((len(layout.reactions), 2, 6, lam.shape[1]))
+        for n, owner in enumerate(layout.reactions):
+            mine = [k for k, name in enumerate(layout.rows) if name.startswith(f"{owner}: ")]
+            for side, word in enumerate("JI") if mine else ():
+                marker = int(rows[word][mine[0]])
+                body = int(markers["body"][marker])
+                if body >= 0 and not change[n].any():
+                    own = slice(int(bodies["iv"][body]), int(bodies["iv"][body]) + 6)
+                    J = equations.marker_motion(marker)[:, own]
+                    change[n, side] = np.linalg.solve(J.T, Cq[mine][:, own].T @ lam[mine])
+        return change.reshape(-1, lam.shape[1])
 
     def _update_largest(self, missing: Array, time: float) -> None:
+        part = min(int(_POSES * time / self._duration), _POSES - 1) if self._duration else 0
+        self._amplitudes[part] = np.maximum(self._amplitudes[part], missing)
         size = float(np.linalg.norm(missing))
         if size > self._largest[0]:
             self._largest[:2] = size, time
@@ -193,7 +284,8 @@ class OmittedVibrationMonitor:
                 limit = _MAX_RATE_ERROR_AFTER_BEND if self._bent[0] else _MAX_RATE_ERROR
                 if np.linalg.norm(line - mean) <= limit * size:
                     rates = last[2], now[2]
-            self._update_largest(self._response.follow(h, before, after, rates), time)
+            missing = self._response.follow(h, before, after, rates)
+            self._update_largest(missing, time)
         self._bent = np.array([h < end - t])
 
     def _path(self, last: Array, now: Array) -> Iterator[tuple[float, float, Array, Array]]:
@@ -230,16 +322,57 @@ class OmittedVibrationMonitor:
     def indicators(self) -> Iterator[Indicator]:
         """One indicator of all bodies together."""
         missing, time, deformation = self._largest
-        if missing > 0.0:
-            share = missing / deformation
-            names = ", bodies.".join(self._names)
-            begin = 'start = "quasi-static" begins without them, ' if time == 0.0 else ""
-            sentence = (
-                f"bodies.{names}: {LEFT_OUT} from "
-                f"{self._frequency:.4g} Hz on, by which the deformation would differ by "
-                f"{min(share, 1.0):.0%} of its largest value, most at t = {time:.4g} s; "
-                f"{begin}{self._cure}"
+        if missing <= 0.0:
+            return
+        share, (where, change) = missing / deformation, self._largest_change()
+        parts = [
+            (share, "the deformation", f"{min(share, 1.0):.0%} of its largest value"),
+            (change, where, f"about {percent(change)} of its range with them"),
+        ]
+        large = [one for one in parts if one[0] > _WARNING_LEVEL] or parts[:1]
+        words = f"{large[0][1]} would differ by {large[0][2]}"
+        words += "".join(f" and {one[1]} by {one[2]}" for one in large[1:])
+        names, most = ", bodies.".join(self._names), self._amplitudes.max(axis=0)
+        most = most * self._gone if self._gone.any() else most
+        lowest = self._omega[most >= _LARGE * most.max()].min() / (2.0 * np.pi)
+        begin = bool(self._begin[0] > 0.5 * missing)
+        cure = 'start = "quasi-static" begins without them, ' * begin + self._cure
+        sentence = (
+            f"bodies.{names}: {LEFT_OUT} from {lowest:.4g} Hz on, by which {words}, most at t = "
+            f"{0.0 if begin else time:.4g} s; {cure}"
+        )
+        value = max(share, change)
+        yield Indicator(self._names[0], "vibrations", value, time, _WARNING_LEVEL, lambda: sentence)
+
+    def _largest_change(self) -> tuple[str, float]:
+        """The sensor or reaction that vibrations change most, and that over its range with them."""
+        if not self._changes:
+            return "", 0.0
+        squares = (
+            self._changes[min(self._changes, key=lambda k: abs(k - part))] ** 2 @ amplitudes**2
+            for part, amplitudes in enumerate(self._amplitudes)
+            if amplitudes.any()
+        )
+        changes, ranges = np.sqrt(np.max(list(squares), axis=0)), self._most - self._least
+        channels, groups = self._compiled.layout.channels, list[tuple[str, str, list[int]]]()
+        for name in self._model.sensors:
+            own = [k for k, one in enumerate(channels) if one.partition(".")[0] == name]
+            groups.append(
+                (f"sensors.{name}", self._model.channel_unit(channels[own[0]]) or "", own)
             )
-            yield Indicator(
-                self._names[0], "vibrations", share, time, _WARNING_LEVEL, lambda: sentence
-            )
+        for n, name in enumerate(self._compiled.layout.reactions):
+            for k, what in product((0, 6), ("force", "moment")):
+                at = len(channels) + 12 * n + k + 3 * (what == "moment")
+                groups.append((f"the {what} of {name}", what, [at, at + 1, at + 2]))
+        sizes = [
+            tuple(float(np.linalg.norm(x[own])) for x in (changes, ranges)) for *_, own in groups
+        ]
+        wide, largest = [max(2.0 * change, size) for change, size in sizes], dict[str, float]()
+        for (_, unit, _), size in zip(groups, wide, strict=True):
+            largest[unit] = max(largest.get(unit, 0.0), size)
+        worst = "", 0.0
+        for (name, unit, _), (change, _), size in zip(groups, sizes, wide, strict=True):
+            least = _LEAST_REACTION if name.startswith("the ") else _LEAST_RANGE
+            if size > least * largest[unit] and change > worst[1] * size:
+                worst = name, change / size
+        return worst

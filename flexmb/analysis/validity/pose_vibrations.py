@@ -62,7 +62,7 @@ class OmittedOscillators:
         ratio = 2.0 * np.pi * drive / self.omega
         self._gain = ratio**2 / np.hypot(1.0 - ratio**2, 2.0 * _DAMPING * ratio)
 
-    def integrate(self, t: Array, force: Array, state: Array) -> Array:
+    def integrate(self, t: Array, force: Array, state: Array, tension: float = 0.0) -> Array:
         """(t, o) response beyond force/ω², exact for forces that are linear between rows.
 
         With x that response, z = ẋ + ζωx + iω_d x decays exponentially, and each kink of the force
@@ -76,18 +76,21 @@ class OmittedOscillators:
         force : (t, o) array
             Modal forces at these times.
         state : (o, 5) array
-            z (two numbers), the slope of force/ω², force/ω² and the time of the row before;
+            z (two numbers), the slope of the force, the force and the time of the row before;
             updated. NaN: no row yet.
+        tension : float
+            c by which tension raises ω² to ω² + c ω (`LackingBody.tightening`) [rad/s].
         """
         beyond = np.zeros((len(t), len(self.omega)))
-        for k, w in enumerate(self.omega):
+        for k, w in enumerate(np.sqrt(self.omega**2 + tension * self.omega)):
             decay = complex(-_DAMPING * w, w * np.sqrt(1.0 - _DAMPING**2))
             begins = np.isnan(state[k, 4])
             time = t if begins else np.append(state[k, 4], t)
-            follow = force[:, k] / w**2 if begins else np.append(state[k, 3], force[:, k] / w**2)
+            follow = (force[:, k] if begins else np.append(state[k, 3], force[:, k])) / w**2
             h = np.diff(time)
             slopes = np.diff(follow) / np.maximum(h, 1e-300)
-            slopes = np.append(slopes[:1] if np.isnan(state[k, 2]) else state[k, 2], slopes)
+            first_slope = slopes[:1] if np.isnan(state[k, 2]) else state[k, 2] / w**2
+            slopes = np.append(first_slope, slopes)
             kicks = np.where(h > 0.0, -np.diff(slopes), 0.0)
             z = np.empty(len(time), complex)
             z[0] = 0.0 if begins else complex(*state[k, :2])
@@ -103,7 +106,7 @@ class OmittedOscillators:
             swing = np.abs(follow - follow.mean())[-len(t) :] * self._gain[k]
             beyond[:, k] = np.where(resolved, z.imag[-len(t) :] / decay.imag, swing)
             slope = slopes[-1] if len(slopes) else np.nan
-            state[k] = z[-1].real, z[-1].imag, slope, follow[-1], time[-1]
+            state[k] = z[-1].real, z[-1].imag, slope * w**2, follow[-1] * w**2, time[-1]
         return beyond
 
 

@@ -43,6 +43,8 @@ from flexmb.analysis.validity.omitted_stiffening import (
 )
 from flexmb.analysis.validity.omitted_vibrations import OmittedVibrationMonitor, VibrationResponse
 from flexmb.analysis.validity.pose_vibrations import errors_by_omission
+from flexmb.engine.bodies.static_mode_tables import StaticModes
+from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
 from flexmb.engine.state import State
 from flexmb.errors import FlexmbError
@@ -255,6 +257,10 @@ def _frequency_errors(
 
         terms += omitted_coupling(made, coupled)
     errors, least = list[Indicator](), _SMALL * LARGEST_SOFTENING
+    static: StaticModes | None = compiled.system.kinds.get(STATIC_MODES.name)
+    counts_of_modes = () if static is None else zip(static.rows, np.diff(static.first), strict=True)
+    bodies = compiled.layout.bodies
+    massless = [bodies[k].name for k, count in counts_of_modes if count == bodies[k].m]
     every = errors_by_omission(made, terms, below, least, counts) if terms else ()
     for error, mode, causes in every:
         name = causes[0].name
@@ -265,6 +271,8 @@ def _frequency_errors(
         )
         hertz = made.frequencies[mode]
         effect = _frequency_error(error, units.say(hertz, "Hz", 3) if hertz else "")
+        if name in massless:
+            effect = _deformation_error(error)
         text = partial(str, f"bodies.{name}{where}: {what}, so that {effect}; {cures}")
         quantity = "omitted_terms"
         if len(causes) == 1 and name in bars and not causes[0].M.any() and not causes[0].D.any():
@@ -306,6 +314,15 @@ def _frequency_error(error: float, hertz: str) -> str:
     if error > _TWICE:
         how = "none with all terms" if np.isinf(error) else "more than twice that with all terms"
     return f"a natural frequency, {hertz}, is {how}"
+
+
+def _deformation_error(error: float) -> str:
+    """Words on the deformation of a body without modal inertia, by its error of a frequency."""
+    change = max(1.0 + error, np.finfo(float).eps) ** -2 - 1.0
+    how = f"too {'large' if change > 0.0 else 'small'} by about {percent(abs(change))}"
+    if change > _TWICE:
+        how = "more than twice that with all terms"
+    return f"its deformation is {how}"
 
 
 def _row_of(state: State) -> OutputBlock:
