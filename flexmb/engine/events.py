@@ -9,8 +9,7 @@ them. Under error control, a step with a zero well inside is repeated shorter, t
 before the zero; then a small step ends a little beyond it (regula falsi, with a bounded number of
 tries). No step then has a kink in its stages, to which the error estimate is blind. The step after
 an event is short as well, since forces may grow fast. Fixed steps are not shortened.
-Source: Shampine & Thompson, Event location for ordinary differential equations, Comput. Math. Appl.
-39 (2000) 43.
+Source: Shampine & Thompson, Event location for ODEs, Comput. Math. Appl. 39 (2000) 43.
 
 Time events: integration formulas assume that forces and motions are smooth within a step. If a
 function of time or its derivative jumps (the end of a step function, a corner of a table), a step
@@ -50,21 +49,19 @@ from flexmb.engine.state import Run
 _AIM_BEFORE, _MAX_OVERRUN, _AIM_BEYOND = 0.98, 3e-4, 1.01
 _MAX_TRIES = 10
 # Events shorten steps to no less than the smaller of these shares: of the duration of the run, and
-# of its longest step so far. A step that ends beyond an event by d has an error of d², small even
-# after a thousand events. The two are equal in a run of two steps.
+# of its longest step so far (equal in a run of two steps). A step that ends beyond an event by d
+# has an error of d², small even after a thousand events.
 _MIN_STEP_FRACTION, _MIN_PART = 1e-7, 2e-7
 _MIN_STEPS = 100.0  # and no less than this many times the round-off of time
-# One event in _STEPS_AFTER_EVENT steps is located, so that a function that chatters about zero,
-# such as friction without load, does not stall the run. After a while without events _CLOSE_EVENTS
-# may follow each other, as sticking after sliding and sliding back. Those of functions (`of_law`)
-# are counted separately, so that a controller that switches all the time hides no contact.
+# One event in _STEPS_AFTER_EVENT steps is located, so that friction without load, which chatters,
+# stalls no run; after a while without events _CLOSE_EVENTS, as sticking and sliding back. Those of
+# functions (`of_law`) count separately, so that a controller that switches hides no contact.
 _STEPS_AFTER_EVENT, _CLOSE_EVENTS = 5.0, 3.0
 # Events of functions are not located in a step that moves the model by less than this share of the
-# requested accuracy, relative to the motion so far, and whose change of velocity would not over the
-# run either: a decaying vibration crosses zero without end.
+# requested accuracy, nor would its change of velocity over the run: a decaying vibration crosses
+# zero without end.
 _NEGLIGIBLE_MOTION = 0.1
-# Steps after an event until which the velocities stored with its state are updated.
-_NOTED_STEPS = 8
+_NOTED_STEPS = 8  # steps after an event that update the velocities stored with its state
 # First step after an event over the step before it: the error estimate knows nothing of the motion.
 _RESTART_FRACTION = 0.1
 
@@ -276,8 +273,11 @@ def accept_events(run: Run, h: float) -> int:
         return SUCCESS
     elements, laws = _count_search(memory)
     _record_velocities(run)
-    counted = run.state.count[0]["events"]
     events, located = run.work.events, memory["event_trials"] > 0.0
+    # a short step may cross an event by chance: for its state the motion in a long one counts
+    noted = laws and run.method.stages == 0
+    noted = noted and not _hardly_moves(run, h, memory["largest_step"] / h)
+    noted = _first_crossing(events, 0.0, elements, noted) < 1.0
     laws = laws and (located or not _hardly_moves(run, h, 1.0))
     if _first_crossing(events, 0.0, True, True) < 1.0:
         longest = memory["step_before_event"] if memory["event_trials"] > 0.0 else h
@@ -285,6 +285,7 @@ def accept_events(run: Run, h: float) -> int:
         longest = max(_RESTART_FRACTION * longest, least)
         if _first_crossing(events, 0.0, elements, laws) < 1.0:
             run.state.count[0]["events"] += 1
+            noted = True
             memory["next_step"] = min(memory["next_step"], longest)
             if _first_crossing(events, 0.0, elements, False) < 1.0:
                 memory["steps_until_event_search"] += _STEPS_AFTER_EVENT
@@ -298,11 +299,10 @@ def accept_events(run: Run, h: float) -> int:
         if memory["event_trials"] > 2.0 * _MAX_TRIES:
             memory["event_trials"] = 0.0
     _evaluate_events(run, run.state_point, run.work.events.before)
-    if run.state.count[0]["events"] > counted:
-        if run.method.stages > 0:
-            put_vd_round_off(run, run.trial_point)
-        if run.work.events.states.shape[0] > 0:
-            _record_state(run)
+    if noted and run.method.stages > 0:
+        put_vd_round_off(run, run.trial_point)
+    if noted and run.work.events.states.shape[0] > 0:
+        _record_state(run)
     return SUCCESS
 
 

@@ -386,7 +386,8 @@ def exact_time(settings, plan, time_events, st, h):
         settings.step > 0.0
         and st.memory[0]["step_fraction"] + h / settings.step >= 1.0 - STEP_ROUND_OFF
     ):
-        return settings.start + (st.count[0]["fixed_steps"] + 1) * settings.step
+        end = settings.start + (st.count[0]["fixed_steps"] + 1) * settings.step
+        return settings.end if abs(settings.end - end) <= time_round_off(settings) else end
     if settings.step == 0.0:
         end = next_end(time_events, st.t[0], settings.end)
         if h == end - st.t[0]:

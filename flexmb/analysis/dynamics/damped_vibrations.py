@@ -194,7 +194,7 @@ def _first_vibration(
     return replace(rows[0], **parts), rows[-2].v[0]
 
 
-def _state_at_jump(run: Integration, first: State, jumps: JumpStates, k: int) -> State:
+def state_at_jump(run: Integration, first: State, jumps: JumpStates, k: int) -> State:
     """The state at jump or event k, with the error scales and the longest step of the run."""
     state = State(*(array.copy() for array in first))
     jumps.put(k, state)
@@ -233,7 +233,7 @@ def _runs_after_jump(
         else min(tolerance, _FINE_TOLERANCE)
     )
     for local, integrator in ((finer, radau), (tolerance, run.method)):
-        state = _state_at_jump(run, first, jumps, k)
+        state = state_at_jump(run, first, jumps, k)
         if local == tolerance and k > 0:
             state.memory[0]["next_step"] = state.memory[0]["last_step"] = step
         own = settings._replace(tolerance=local, start=begin, end=end)
@@ -342,7 +342,7 @@ class _VibrationRuns:
         times = jumps.outputs[(jumps.outputs > after) & (jumps.outputs <= end)]
         output = float(times.min(initial=end))
         prepare_units(integration_units(run.compiled.system, radau))
-        fine, coarse = (_state_at_jump(run, self._first, jumps, k) for _ in range(2))
+        fine, coarse = (state_at_jump(run, self._first, jumps, k) for _ in range(2))
         if 0 < k < MAX_JUMPS:
             coarse.memory[0]["next_step"] = coarse.memory[0]["last_step"] = step
         own = self._settings._replace(tolerance=tolerance, start=begin, end=end)

@@ -26,6 +26,7 @@ from flexmb.analysis.dynamics.damped_vibrations import (
 )
 from flexmb.analysis.dynamics.integration import Integration
 from flexmb.analysis.dynamics.jump_states import JumpStates
+from flexmb.analysis.dynamics.lasting_motion import measure_lasting_motion
 from flexmb.analysis.dynamics.run_settings import (
     compared_times,
     local_tolerance,
@@ -282,6 +283,8 @@ def complete_measured_error(prepared: PreparedDynamics, progress: Progress) -> N
         vibrations = verified.error.vibrations
         own = verified.fine, prepared.settings, prepared.first, jumps, vibrations, least
         measure_damped_vibrations(*own)
+        if stricter_tolerance(prepared) is None:
+            measure_lasting_motion(*own[:-1])
         if worst is not None and stricter_tolerance(prepared) is None:
             follow_vibrations(*own)
             follow_events(*own)

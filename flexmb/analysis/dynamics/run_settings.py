@@ -89,7 +89,7 @@ def output_times(spec: DynamicsSpec) -> np.ndarray:
     """Times of all outputs (n,) [s]."""
     if isinstance(spec.outputs, tuple):
         return np.array(spec.outputs)
-    return np.arange(spec.outputs + 1) * (spec.duration / spec.outputs)
+    return np.linspace(0.0, spec.duration, spec.outputs + 1)
 
 
 def seen_times(spec: DynamicsSpec) -> np.ndarray:

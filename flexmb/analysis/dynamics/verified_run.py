@@ -86,7 +86,7 @@ _LIMITED_SHARE = 0.02
 # Shift of the end of a step over its size; largest ratio of neighbouring steps whose end is
 # shifted.
 _KNOT_SHIFT, _EVEN_RATIO = 1e-9, 2.0
-_ANY_ERROR = 1e6  # rejection factor of repeated runs: the scout has accepted these steps
+ANY_ERROR = 1e6  # rejection factor of repeated runs: the scout has accepted these steps
 # Amplified round-off is measured if a bound of it exceeds _MIN_BOUND times the requested
 # accuracy, and always for accuracies up to _CLOSE_ACCURACY, since errors of the method hide its
 # growth where they are small with what multiplies them (a body about its middle axis): by one
@@ -418,7 +418,7 @@ def _rows_on_moved_steps(
     `shift` is relative to a step. Rows end where a step fails.
     """
     scout, rows = verified.scout, list[np.ndarray]()
-    settings = scout.settings._replace(refinement=1.0, rejection_factor=_ANY_ERROR)
+    settings = scout.settings._replace(refinement=1.0, rejection_factor=ANY_ERROR)
     run = _restarted_scout(scout, settings, begin, new_plan(scout.chunk))
     for chunk in chunks:
         _set_moved_plan(run, chunk.knots, shift)

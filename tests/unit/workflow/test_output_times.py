@@ -149,3 +149,15 @@ def test_known_answers_where_nothing_is_recorded_are_told() -> None:
     model.set_dynamics(duration="turn", outputs=[0.03, "turn"])
     problems = [str(problem) for problem in model.problems()]
     assert any("nothing is recorded at" in problem for problem in problems), problems
+
+
+@pytest.mark.parametrize("knobs", [*STEPS.values(), {"step": 0.11, "method": "explicit-rk"}])
+@pytest.mark.parametrize("outputs", [7, 13])
+def test_the_last_row_is_at_the_end(outputs, knobs):
+    """7 and 13 times a part of 1.7 s are 2e-16 s more."""
+    made = Model("flight")
+    made.add_body("ball", mass=1, inertia=[1] * 3, velocity=[1, 0, 0])
+    step = {"step": 0.11} if "step" in knobs else {}
+    result = flexmb.simulate(made, duration=1.7, outputs=outputs, **{**knobs, **step})
+    assert result.time[-1] == 1.7
+    assert result.time == pytest.approx(np.arange(outputs + 1) * 1.7 / outputs, abs=1e-15)
