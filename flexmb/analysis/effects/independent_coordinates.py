@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from flexmb.analysis.assembly.jacobian import numerical_rank
 from flexmb.analysis.effects.smooth_pieces import SlowAxes
 from flexmb.analysis.effects.stored_motion import blocks
 from flexmb.analysis.effects.variational_equations import VariationalEquations, spin, times
@@ -22,6 +23,7 @@ from flexmb.flexbody.arrays import Array
 
 _WORSE = 10.0  # largest motion of a dependent coordinate per unit of an independent one
 _LEAST_ROWS, _MOST_ROWS = 8, 64  # least rows with one selection; most rows solved together
+_ROWS_OF_RANK = 8  # rows, about, in which motions without inertia are counted
 
 
 class IndependentCoordinates(NamedTuple):
@@ -118,6 +120,12 @@ class IndependentMotions:
             more = "the rows of the run are too far apart for them; ask for more outputs"
             raise FlexmbError(f"{what}: {more}") from None
         return np.maximum(np.sqrt(np.abs(squares)), least), T
+
+    def rank(self) -> int:
+        """Least number of motions that have inertia, in some of the rows."""
+        some = self.M[:: max(1, len(self.M) // _ROWS_OF_RANK)]
+        sizes = np.linalg.svd(some, compute_uv=False)
+        return min(map(numerical_rank, sizes))
 
     def coordinates(self, q: Array, v: Array, stiffness: Array) -> tuple[Array, Array]:
         """y and ẏ (d,) in the first row for displacements q and velocities v (nu,).

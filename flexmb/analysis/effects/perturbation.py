@@ -300,7 +300,9 @@ def _solve_piece(
     else:
         follow = omega * interval > UNRESOLVED
         follow &= np.argsort(np.argsort(omega)) >= _MOST_VIBRATIONS
-    follow |= (massless is not None) & (omega * interval * _NO_TIME > 0.5)
+    if massless is not None:
+        follow |= omega * interval * _NO_TIME > 0.5
+        follow[made.rank() :] = True
     if follow.any():
         wide = _SPAN / omega[follow].min() if quasi_static is not None else 0.0
         first, made = first[~follow], made.condensed(T, follow, wide)
