@@ -11,10 +11,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from contextvars import ContextVar
+from contextvars import ContextVar, copy_context
 from dataclasses import dataclass, fields
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -74,9 +75,22 @@ def one_thread() -> Iterator[None]:
         _in_one_thread.reset(before)
 
 
-def in_one_thread() -> bool:
-    """Whether runs compute in one thread only."""
-    return _in_one_thread.get()
+@contextmanager
+def meanwhile(function: Callable[..., T], *arguments: Any) -> Iterator[Future[T]]:
+    """Call a function in a thread of its own during the context; within `one_thread` before it.
+
+    Machine code runs beside that of this thread. An error is raised when the result is asked for.
+    """
+    if not _in_one_thread.get():
+        with ThreadPoolExecutor(max_workers=1) as thread:
+            yield thread.submit(copy_context().run, function, *arguments)
+        return
+    done = Future[T]()
+    try:
+        done.set_result(function(*arguments))
+    except FlexmbError as error:
+        done.set_exception(error)
+    yield done
 
 
 class PhaseTimer:

@@ -17,14 +17,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from contextlib import contextmanager
-from contextvars import copy_context
 from typing import NamedTuple
 
 import numpy as np
 
-from flexmb.analysis.chunked_run import in_one_thread
+from flexmb.analysis.chunked_run import meanwhile
 from flexmb.analysis.dynamics.integration import Integration
 from flexmb.analysis.dynamics.jump_states import JumpStates
 from flexmb.analysis.dynamics.measured_error import MeasuredError, QuantityError, error_statistics
@@ -42,7 +41,7 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.state import Plan, State
 from flexmb.errors import FlexmbError
 from flexmb.model.model import Model
-from flexmb.progress import Progress
+from flexmb.progress import Progress, silent
 from flexmb.results.output_block import OutputBlock
 
 _SCOUT = "scout_"
@@ -266,12 +265,11 @@ class VerifiedRun:
     def _scout_ahead(self, is_idle: bool) -> Iterator[None]:
         """Meanwhile, integrate the next chunk of the scout, if there is one and it is not idle."""
         scout = self.scout
-        if is_idle or scout.finished or in_one_thread():
+        if is_idle or scout.finished:
             yield
             return
         before = State(*(array.copy() for array in scout.state))
-        with ThreadPoolExecutor(max_workers=1) as thread:
-            status = thread.submit(copy_context().run, scout.integrate, scout.chunk)
+        with meanwhile(scout.integrate, scout.chunk) as status:
             self._ahead = Ahead(before, status)
             yield
 
@@ -373,11 +371,10 @@ def measure_round_off_growth(
         own = np.vstack([chunk.values for chunk in chunks])
         error.set_round_off([own, *runs], more)
         if error.amplified_round_off() > _MIN_AMPLIFIED * accuracy:
-            runs += [
-                _rows_on_moved_steps(verified, begin, chunks, shift, progress)
-                for shift in (-_KNOT_SHIFT, 0.0)
-            ]
-            error.set_round_off(runs, more)
+            of = verified, begin, chunks
+            with meanwhile(_rows_on_moved_steps, *of, -_KNOT_SHIFT, silent) as backwards:
+                runs.append(_rows_on_moved_steps(*of, 0.0, progress))
+            error.set_round_off([*runs, backwards.result()], more)
     except FlexmbError:  # too many steps: the run itself has reported that
         return
     finally:

@@ -350,7 +350,6 @@ def test_a_scout_in_a_thread_of_its_own_changes_no_bit():
     prepared, blocks = advanced(2)
     with one_thread():
         alone, others = advanced(2)
-    assert alone.verified.scout.state.t[0] == alone.run.state.t[0]
     for name, array in alone.arrays().items():
         np.testing.assert_array_equal(array, prepared.arrays()[name], err_msg=name)
     for one, other in zip(blocks, others, strict=True):
