@@ -14,6 +14,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from femeshes import line
+from flexiblescenes import STEEL, rod
 from numpy.polynomial import Polynomial
 from scipy.linalg import eigh
 from shellkit import sheet
@@ -318,3 +319,63 @@ def test_the_state_without_vibrations_leaves_that_of_the_run():
     made = _without_vibrations(compiled, model, begin, "blade0")
     assert np.abs(made.state.v[-2:]).max() < 1e-6
     np.testing.assert_array_equal(begin.v, v)
+
+
+def hung(**sensor):
+    """A thin rod that hangs from a ball joint, a load of 5 kg at its end, which is pushed."""
+    model = Model("hung", gravity=[9.81, 0, 0])
+    model.add_body("rod", rod(0.004, 2.0, 20, 4))
+    model.add_body("bob", mass=5.0, inertia=[0.01] * 3, position=[2.0, 0, 0])
+    model.add_joint("hang", "spherical", between=["ground", "rod.root"])
+    model.add_joint("tip", "fixed", between=["rod.tip", "bob"])
+    pushed = {"type": "step5", "t0": 0, "t1": 0.5, "y0": 5.0, "y1": 0.0}
+    model.add_force("push", "force", at="bob", value=[0, pushed, 0])
+    model.add_sensor("sensor", **sensor)
+    model.set_dynamics(duration=3.0, outputs=300, accuracy=1e-4, method="radau", verify=False)
+    return model
+
+
+def test_a_rod_under_tension_tells_its_frequency():
+    """Beside the run of its forces, by Ritz' method; its place hardly changes."""
+    powers = [Polynomial([0] * k + [1]) for k in range(1, 10)]
+    stiff, mass, end = STEEL["E"] * 0.004**4 / 12, STEEL["density"] * 0.004**2, 2.0
+    pull = 9.81 * Polynomial([5.0 + mass * end, -mass])
+
+    def matrix(inside, outside):
+        made = [[inside(a, b).integ()(end) + outside(a, b) for b in powers] for a in powers]
+        return np.array(made)
+
+    K = matrix(
+        lambda a, b: stiff * a.deriv(2) * b.deriv(2) + pull * a.deriv() * b.deriv(), lambda *_: 0.0
+    )
+    M = matrix(
+        lambda a, b: mass * a * b,
+        lambda a, b: 5.0 * a(end) * b(end) + 0.01 * a.deriv()(end) * b.deriv()(end),
+    )
+    truth = np.sqrt(eigh(K, M, eigvals_only=True)[1]) / (2 * np.pi)
+    model = hung(type="reaction", joint="hang")
+    (note,) = [one for one in flexmb.simulate(model).notes if "frequency" in one]
+    hertz, low = map(float, re.search(r"frequency, ([\d.]+) Hz, is too low by about ([\d.]+) %",
+                                      note).groups())  # fmt: skip
+    assert hertz / (1 - low / 100) == pytest.approx(truth, rel=0.02) and "turns" not in note
+    assert not flexmb.simulate(hung(type="position", of="bob")).notes
+
+
+def test_modes_keep_their_columns_where_two_rates_become_one_vibration():
+    """A free mass that a spring takes hold of, beside one of 2 Hz."""
+
+    def pair(stiffness):
+        model = Model("pair")
+        for k, (name, spring) in enumerate((("one", stiffness), ("two", (4 * np.pi) ** 2))):
+            model.add_body(name, mass=1.0, inertia=[0.1] * 3, position=[0, k, 0])
+            model.add_marker(f"ground.{name}", position=[0, k, 0])
+            ends = [f"ground.{name}", name]
+            model.add_joint(name, "prismatic", between=ends, axis="x")
+            if not spring:
+                continue
+            model.add_force(f"{name}s", "translational-spring-damper", joint=name, stiffness=spring)
+        return model
+
+    made = sweep_modes(pair, "stiffness", [0.0, 1.0])
+    whole = made.frequencies[:, made.frequencies[0] > 0.0]
+    assert whole[:, 0] == pytest.approx([2.0, 2.0])

@@ -1,4 +1,4 @@
-"""Equilibria of machines that turn steadily: a governor, a rod that grows, closed forms."""
+"""Equilibria with a motion: a governor, a rod that grows, a tether; closed forms."""
 
 from __future__ import annotations
 
@@ -178,3 +178,37 @@ def test_a_wheel_that_turns_freely_beside_a_truss_does_not_change_its_equilibria
     heights = sorted(one.channels(["pin.y"])[0] for one in found)
     np.testing.assert_allclose(heights, roots, atol=1e-9)
     assert [one.neutral_motions for one in found] == [1, 1, 1]
+
+
+@pytest.mark.parametrize("modes", [6, 20])
+def test_a_tether_under_tension_begins_in_equilibrium(modes):
+    """It hangs from a cart that begins to accelerate, at 470 times its Euler load, by Ritz' method
+    between pins; without tension it would bend by 0.73 m."""
+    length, thick, load, E, density = 10.0, 0.004, 20.0, 2.1e11, 7800.0
+    acceleration, mass = 0.4, density * thick**2
+    made = Model("tether", gravity=[G, 0, 0])
+    made.add_body("cart", mass=50.0, inertia=[5.0] * 3)
+    made.add_body(
+        "tether", mesh={"type": "beam", "length": length, "divisions": 40}, modes=modes,
+        material={"E": E, "nu": 0.3, "density": density}, geometric_stiffening="full",
+        sections={"all": {"type": "rectangle", "y": thick, "z": thick}},
+        interfaces={"root": "start", "tip": "end"},
+    )  # fmt: skip
+    made.add_marker("tether.middle", position=[length / 2, 0, 0])
+    made.add_body("load", mass=load, inertia=[0.1] * 3, position=[length, 0, 0])
+    made.add_joint("rail", "prismatic", between=["ground", "cart"], axis="z")
+    made.add_joint("root", "spherical", between=["cart", "tether.root"])
+    made.add_joint("tip", "spherical", between=["tether.tip", "load"])
+    made.add_driver("shake", joint="rail", stroke=f"{acceleration / 2}*t**2")
+    made.add_sensor("middle", "position", of="tether.middle")
+    made.set_dynamics(duration=1e-3, outputs=2, start="quasi-static", verify=False)
+    bent = flexmb.simulate(made, accuracy=1e-3)["middle.z"][0]
+    k = np.arange(1, 40) * np.pi / length
+    x = np.linspace(0.0, length, 4001)
+    pull = G * (load + mass * (length - x))
+    shapes, slopes = np.sin(np.outer(k, x)), k[:, None] * np.cos(np.outer(k, x))
+    K = np.diag(E * thick**4 / 12 * k**4 * length / 2)
+    K += np.trapezoid(pull * slopes[:, None] * slopes, x, axis=2)
+    f = -acceleration * mass * np.trapezoid((1 - x / length) * shapes, x, axis=1)
+    truth = np.linalg.solve(K, f) @ np.sin(k * length / 2)
+    assert bent == pytest.approx(truth, rel=0.05)

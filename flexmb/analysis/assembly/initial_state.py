@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.body_damping import add_damping
 from flexmb.analysis.assembly.gaps import moved_notes
-from flexmb.analysis.assembly.jacobian import null_space
+from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, null_space
 from flexmb.analysis.assembly.positions import (
     Corrector,
     assembly_weights,
@@ -33,7 +33,6 @@ from flexmb.analysis.linear.state_equations import StateEquations
 from flexmb.engine import initial_conditions
 from flexmb.engine.algebra.forms import size_of_form
 from flexmb.engine.allocation import new_state, new_work
-from flexmb.engine.bodies.membrane_forces import membrane_tangents
 from flexmb.engine.bodies.static_modes import STATIC_MODES, static_coordinates
 from flexmb.engine.bodies.velocity_forms import place_of_pairs
 from flexmb.engine.compile import Compiled
@@ -295,22 +294,24 @@ def _equilibrate(
     distributed by stiffness. √b is much longer than all periods, so that finally η̈ = 0. Loads that
     depend on the deformation, as in a fast rotation, may exceed K η. So the steps are combined by
     Anderson acceleration (J. ACM 12 (1965) 547), which solves linear equations in as many rounds as
-    there are modes. With membrane forces K is that of the last round (Newton), and steps are
-    combined once they are small.
+    there are modes. With geometric stiffening and membrane forces K is that of the deformation and
+    loads of the round (Newton); with membrane forces steps are combined once they are small.
     """
-    parts = compiled.system.parts.bodies
     solve = stage_solver(_stiffened(compiled.system, b, rates), state, work)
-    bodies = compiled.layout.bodies
-    flexible = [compiled.bodies.get(body.name) for body in bodies]
-    begins = np.array([body.iv for body in bodies])
-    modes = rates + np.searchsorted(begins, rates, side="right")  # a pose has one more than v
+    begins = [body.iv for body in compiled.layout.bodies]  # a pose has one more than v
+    modes = rates + np.searchsorted(begins, rates, side="right")
     weights = compiled.system.weights[rates]
     before: list[tuple[Array, Array]] = []  # previous deformations and their steps
+    membranes = compiled.system.parts.bodies["shapes"].any()
+    stiffened = [one.centrifugal_stiffness is not None for one in compiled.bodies.values()]
+    newton = (membranes or any(stiffened)) and len(state.v) <= MAX_COORDINATES
+    equations = StateEquations(compiled, state) if newton else None
     for _ in range(_MAX_ROUNDS):
-        if parts["shapes"].any():
-            tangents = membrane_tangents(parts, flexible, state.q)
-            solve = stage_solver(_stiffened(compiled.system, b, rates, tangents), state, work)
         _solve_accelerations(solve, state)
+        if equations is not None:
+            added = equations.added_stiffness()
+            solve = stage_solver(_stiffened(compiled.system, b, rates, added), state, work)
+            _solve_accelerations(solve, state)
         eta, step = state.q[modes], b * state.vd[rates]
         change = float(np.abs(step * weights).max(initial=0.0))
         if not change < 1.0:
@@ -322,7 +323,7 @@ def _equilibrate(
             scaled = weights[:, None] * fall
             shares = np.linalg.lstsq(scaled, weights * step, rcond=_RANK_TOLERANCE)[0]
             state.q[modes] -= (motion + fall) @ shares
-        if change < _SMALL_STEP or not parts["shapes"].any():
+        if change < _SMALL_STEP or not membranes:
             before.append((eta, step))
         try:
             close()
@@ -334,9 +335,8 @@ def _equilibrate(
         "the flexible bodies find no elastic equilibrium with the first motion: it is too fast or "
     )
     if len(rates) < len(_modal_coordinates(compiled)):
-        raise _NoEquilibrium(
-            what + "the quasi-static modes too soft; make the lowest of them dynamic"
-        )
+        cure = "the quasi-static modes too soft; make the lowest of them dynamic"
+        raise _NoEquilibrium(what + cure)
     raise _NoEquilibrium(
         what
         + 'the body too soft for dynamics.start = "quasi-static"; use "undeformed", or begin slower'

@@ -378,9 +378,9 @@ class ModeSweep:
         eigenvalues[0, : len(order)] = made[0].eigenvalues[order]
         columns = order.copy()
         for i, (before, one) in enumerate(zip(made, made[1:], strict=False), start=1):
-            match = _match(before, order, one, k)
-            eigenvalues[i, columns[: len(match)]] = one.eigenvalues[match]
-            order, columns = match, columns[: len(match)]
+            last, order = _match(before, order, one, k)
+            columns = columns[last]
+            eigenvalues[i, columns] = one.eigenvalues[order]
         speeds = np.array([_fastest_turn(one) for one in made])
         return cls(parameter, np.array(values, float), eigenvalues, speeds, tuple(made))
 
@@ -411,8 +411,11 @@ class ModeSweep:
         return tuple(seen.values())
 
 
-def _match(before: Linearization, order: IntArray, after: Linearization, most: int) -> IntArray:
-    """Numbers of the modes of `after` that continue the modes `order` of `before`."""
+def _match(
+    before: Linearization, order: IntArray, after: Linearization, most: int
+) -> tuple[IntArray, IntArray]:
+    """Places in `order`, numbers of modes of `before`, that modes of `after` continue; their
+    numbers."""
     n = min(most, len(after.eigenvalues))
     old, new = before.eigenvalues[order], after.eigenvalues[:n]
     gap = np.abs(old[:, None] - new[None, :])
@@ -426,10 +429,8 @@ def _match(before: Linearization, order: IntArray, after: Linearization, most: i
         gap = gap + 1.0 - np.abs(a.conj().T @ b) ** 2 / np.where(norms > 0.0, norms, 1.0)
     from scipy.optimize import linear_sum_assignment  # takes 0.2 s
 
-    rows, columns = linear_sum_assignment(gap)
-    match: IntArray = np.zeros(len(rows), np.int64)
-    match[np.argsort(rows)] = columns
-    return match
+    rows, columns = linear_sum_assignment(gap)  # rows ascend
+    return rows, columns
 
 
 def _fastest_turn(of: Linearization) -> float:

@@ -129,6 +129,16 @@ class StateEquations:
             M[part, part] += mean.T @ change @ mean - frame.T @ change @ frame
         return Tangents(M, D, K, mass[n:, :n], mass[:n, n:])
 
+    def added_stiffness(self) -> dict[int, Array]:
+        """Stiffness (m, m) that loads and deformation add to that of bodies, by their rows."""
+        K, added = self.tangents().K, dict[int, Array]()
+        for row, columns in enumerate(self.compiled.layout.bodies):
+            own = slice(columns.iv + 6, columns.iv + 6 + columns.m)
+            if columns.m:
+                whole = 0.5 * (K[own, own] + K[own, own].T)
+                added[row] = whole - self.compiled.bodies[columns.name].K
+        return added
+
     def _matrix(self, cv: float, cp: float) -> Array:
         """S (nv + nc, nv + nc) of the engine, without its regularisation."""
         for put in self._put_matrices:

@@ -49,8 +49,8 @@ _MAX_SPEED_RATIO = 0.5**0.5  # Ω/ω at which rotation halves the stiffness
 _SOFTENING = 0.6  # share of the first frequency of a cantilever that is lost, over (Ω/ω₁)²
 #: Speed over the lowest frequency below which centrifugal stiffening may be left out.
 LEAST_SPEED = (LARGEST_SOFTENING / _SOFTENING) ** 0.5
-# Such a speed below which nothing else tells it either; over the largest, that of a row as fast.
-_SLOW, _SAME_SPEED = 0.4 * LEAST_SPEED, 0.98
+#: Such a speed below which nothing else tells it either; over the largest, that of a row as fast.
+SLOW, _SAME_SPEED = 0.4 * LEAST_SPEED, 0.98
 _MOST_STATES = 4  # in which changes of frequencies are computed; of other bodies the speed tells
 _MAX_POINTS = 64  # largest number of points of a body that are monitored
 _MIN_AMPLITUDE = 0.05  # amplitude of a mode over the largest one, if the motion contains it
@@ -161,7 +161,7 @@ class LinearElasticityMonitor:
         Of the fastest bodies, since each state takes a linearisation of the whole model.
         """
         fast = [(self._ratio(k), k) for k in range(len(self._bodies))]
-        left = [k for ratio, k in sorted(fast, reverse=True) if ratio > _SLOW]
+        left = [k for ratio, k in sorted(fast, reverse=True) if ratio > SLOW]
         left = [k for k in left if not self._has_all_terms(k)]
         for _ in range(_MOST_STATES):
             if not left:

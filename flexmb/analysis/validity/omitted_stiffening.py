@@ -20,6 +20,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from flexmb.analysis.assembly.initial_state import StartValues
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, one_blas_thread
 from flexmb.analysis.monitors import Indicator
 from flexmb.analysis.validity.joined_body import (
@@ -66,6 +67,7 @@ _VISIBLE = 1e-3  # change of a sensor below which that of the deflection does no
 _WORTH = 0.5
 _NEAR_NODES, _SHORT_STEPS = 13, 3.0  # of a way along a body; power of its lengths
 _WIDE = 0.9  # second moment of mass across a blade over that along it, up to which it is a bar
+_MOST_STATES = 4  # in which changes of frequencies are computed
 _LEAST_RANGE = 0.01  # of a channel, over the largest of its sensor, below which it is not judged
 
 
@@ -99,6 +101,10 @@ class OmittedStiffeningMonitor:
             if compiled.layout.nv > MAX_COORDINATES
             else list(bars_without_stiffening(compiled, model))
         )
+        joints = {getattr(spec, "joint", "") for spec in model.sensors.values()
+                  if spec.type == "reaction"}  # fmt: skip
+        measured = [spec.between for name, spec in model.joints.items() if name in joints]
+        self._measured = {end.partition(".")[0] for pair in measured for end in pair}
         n, most = len(self._bars), max((one.columns.m for one in self._bars), default=0)
         self._markers = [
             np.flatnonzero(compiled.system.parts.markers["body"] == one.number)
@@ -123,6 +129,8 @@ class OmittedStiffeningMonitor:
         # largest so far and its time, of axial forces, and of all
         self._load_factors = np.zeros((2, 2, n))
         self._largest = np.zeros((4, n))  # deflection; time; forces; tension of a bow, N
+        self._nq = compiled.layout.nq  # of the row of these: q, v
+        self._states = np.zeros((n, compiled.layout.nq + compiled.layout.nv))
         self._least, self._most = np.array(np.inf), np.array(-np.inf)  # range of all channels
         duration = model.dynamics.duration if model.dynamics and is_motion else 0.0
         self._settled, self._begin = _MIN_SHARE_OF_RUN * duration, np.full(1, np.nan)
@@ -194,6 +202,7 @@ class OmittedStiffeningMonitor:
                 self._largest[:, k] = moved, rows.t[row], mean, tension
                 self._about[k] = min(about[k], moved)
                 self._change[k, : one.columns.m] = change
+                self._states[k] = np.hstack([rows.q[row], rows.v[row]])
 
     def _means(self, k: int, rows: OutputBlock, forces: Array) -> Array:
         """(t, s, 6) means of the forces and moments over a vibration period."""
@@ -230,6 +239,18 @@ class OmittedStiffeningMonitor:
             early = self._last[k, 0] - self._begin[0] < self._settled
             bound = 0.0 if early else min(share, share if seen is None else seen)
             yield Indicator(one.columns.name, "stiffening", value, t, level, text, bound)
+
+    def bent_states(self) -> Iterator[tuple[StartValues, list[str]]]:
+        """States in which it changes the deflections of bars most, and their names.
+
+        Of those bars whose forces sensors measure, and which it changes more than counts.
+        """
+        shares = self._largest[0] / np.maximum(self._deflection, LEAST_MOTION)
+        for k in np.argsort(-shares)[:_MOST_STATES]:
+            name = self._bars[k].columns.name
+            if shares[k] > LARGEST_CHANGE and name in self._measured:
+                q, v = np.split(self._states[k], [self._nq])
+                yield StartValues(q, v, float(self._largest[1, k])), [name]
 
     def _sensor_change(self, k: int) -> float | None:
         """Largest change of the position sensors on the body, over their range; None: no sensor."""

@@ -31,6 +31,7 @@ from flexmb.analysis.assembly.mechanism_modes import MechanismModes
 from flexmb.analysis.functions_of_time import AT_ONCE, kinked_functions
 from flexmb.analysis.linear.state_equations import StateEquations, sensor_amplitudes
 from flexmb.analysis.monitors import Indicator
+from flexmb.analysis.validity.pose_vibrations import RESOLVED
 from flexmb.engine.allocation import new_state
 from flexmb.engine.bodies.static_modes import static_bodies, static_coordinates
 from flexmb.engine.compile import Compiled
@@ -59,6 +60,9 @@ _SERIES_LIMIT = 1e-2  # |λ h| below which integrals are computed by series
 # fractions, so that not all poses of a machine that turns are one.
 _POSES, _GOLDEN, _INNER = 16, 0.6180339887, 0.9
 _SMALL = 1e-3  # response over the deformation below which sensors are not looked at
+# Share of the mass of a vibration from which on that left out changes it; that up to which the
+# run has it.
+_LEAST_SHARE, _MOST_SHARE = 1e-3, 0.9
 _LARGE = 0.1  # amplitude over the largest of a vibration whose frequency is told
 _LEAST_REACTION, _LEAST_RANGE = 1e-3, 1e-6  # range over the largest that is judged; of sensors
 
@@ -164,10 +168,16 @@ class OmittedVibrationMonitor:
         self._shapes = X[self._modal]
         by_deformation = self._shapes.T @ self._K / self._omega[:, None]  # a ω per unit of eta
         lacking, beginning = by_deformation * gone[:, None], by_deformation
+        self._share = np.zeros(len(gone))  # of the mass of each vibration that the run lacks
         if len(still):
             beginning = lacking
         else:
-            lacking = self._shapes.T @ self._missing_mass() * self._omega[:, None]
+            lacking = self._shapes.T @ self._missing_mass()
+            self._share = (lacking * self._shapes.T).sum(axis=1).clip(0.0, _MOST_SHARE)
+            lacking = lacking * self._omega[:, None]
+        self._rates = np.zeros(len(gone))  # largest of vibrations that rows do not resolve
+        self._slope = np.full(len(gone), np.nan)  # of the modal parts, to the last row
+        self._begun = np.full(1, np.nan)  # time of the first row
         self._parts = np.stack([lacking, beginning])
         self._last = np.full((3, len(gone)), np.nan)
         self._response = VibrationResponse(self._omega)
@@ -212,6 +222,7 @@ class OmittedVibrationMonitor:
             parts = self._parts[0]
             now = np.array([np.full(len(self._omega), t), parts @ eta, parts @ rate])
             last, self._last = self._last, now
+            self._begun = np.where(np.isnan(self._begun), t, self._begun)
             if np.isnan(last[0, 0]):
                 if t == 0.0 and self._undeformed:
                     self._response.jump(self._parts[1] @ eta)
@@ -287,6 +298,22 @@ class OmittedVibrationMonitor:
             missing = self._response.follow(h, before, after, rates)
             self._update_largest(missing, time)
         self._bent = np.array([h < end - t])
+        slope = (now[1] - last[1]) / (end - t)
+        rates, self._slope = np.abs(last[2] - 0.5 * (slope + self._slope)), slope
+        self._update_largest(self._beats(end - t, rates, end), end)
+
+    def _beats(self, h: float, rates: Array, time: float) -> Array:
+        """(k,) amplitude of d where the run itself vibrates faster than rows show.
+
+        `rates` (k,) are those of a in a row, less the mean slope of the steps h beside it. With the
+        share μ of the mass left out, the run vibrates with ω' = ω/√(1−μ), and d is twice its
+        amplitude times sin((ω' − ω) t/2).
+        """
+        fast = (self._omega * h > RESOLVED) & (self._share > _LEAST_SHARE)
+        self._rates = np.where(fast, np.fmax(self._rates, rates), self._rates)
+        own, share = self._omega / np.sqrt(1.0 - self._share), self._share.clip(_LEAST_SHARE)
+        beat = np.sin(np.minimum(0.5 * (own - self._omega) * (time - self._begun), 0.5 * np.pi))
+        return np.asarray(2.0 * beat * self._rates / (own * share))
 
     def _path(self, last: Array, now: Array) -> Iterator[tuple[float, float, Array, Array]]:
         """Start and length [s] of each piece between two rows, and the modal parts at its ends."""

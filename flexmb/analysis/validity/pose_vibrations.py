@@ -34,7 +34,7 @@ from flexmb.flexbody.arrays import Array, IntArray, skew
 
 RESOLVED = 2.0  # phase of a vibration between two rows [rad] up to which rows show it
 _LEAST_PHASE = 5e-3  # by which vibrations get out of phase within the run, that counts [rad]
-_LEAST_CYCLES = 0.5  # of a vibration in the run
+LEAST_CYCLES = 0.5  # of a vibration in the run
 _GROWTH = 0.02  # of a motion, over its frequency, from which it is unstable
 # Difference of a frequency in body axes from that in space, and drift over the largest, that count.
 _SAME_FREQUENCY, _SMALL_DRIFT = 0.05, 0.05
@@ -245,10 +245,10 @@ class OmittedTerms:
 
 
 def errors_by_omission(
-    made: Linearization, terms: Sequence[OmittedTerms], below: float, least: float,
+    made: Linearization, terms: Sequence[OmittedTerms], band: tuple[float, float], least: float,
     counts: Callable[[str, Complex], NDArray[np.bool_]],
 ) -> Iterator[tuple[float, int, list[OmittedTerms]]]:  # fmt: skip
-    """Errors of natural frequencies below one [Hz], over those with all terms.
+    """Errors of natural frequencies in a band [Hz], over those with all terms.
 
     Of each body: the largest error of a mode that it changes, infinite if no such frequency is
     left; the number of the mode, from 0; the terms of the body that change it. `counts` are (k,)
@@ -277,7 +277,8 @@ def errors_by_omission(
     ends = np.nan_to_num(apart, nan=np.inf).argmin(axis=1)
     before, after = np.nan_to_num(hertz)
     errors = np.divide(before - after, after, out=np.full(len(after), np.inf), where=after > 0.0)
-    errors[(before == 0.0) & (after == 0.0) | np.isnan(hertz[1]) | (after > below)] = 0.0
+    errors[(before == 0.0) & (after == 0.0) | np.isnan(hertz[1]) | (after > band[1])] = 0.0
+    errors[np.maximum(before, after) < band[0]] = 0.0
     for name, change in changes.items() if len(errors) else ():
         k = min(len(change), len(errors))  # more where one without a vibration has two rates
         mine = counts(name, made.shapes)[:k] | counts(name, last.shapes[:, ends])[:k]
@@ -344,7 +345,7 @@ class FrequencyDrift:
 
     def _vibrate(self, duration: float) -> NDArray[np.bool_]:
         """(k,) whether they vibrate within a time [s]; others are free motions."""
-        return np.asarray(np.abs(self.values) * duration > 2.0 * np.pi * _LEAST_CYCLES)
+        return np.asarray(np.abs(self.values) * duration > 2.0 * np.pi * LEAST_CYCLES)
 
 
 @dataclass(frozen=True, eq=False)
@@ -414,7 +415,7 @@ class PoseVibrations:
             kick = start[:, n:] @ inverse @ block_diag(loads, -np.eye(len(w)))
         size = np.abs(values)
         there = (size * unit < RESOLVED) & (values.real < _GROWTH * size)
-        there &= size * duration > 2.0 * np.pi * _LEAST_CYCLES
+        there &= size * duration > 2.0 * np.pi * LEAST_CYCLES
         return cls(*motions, own, values[there], vectors[:, there], kick[there], start[there], seen)
 
     def is_exact(self, duration: float) -> bool:

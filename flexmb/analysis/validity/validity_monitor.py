@@ -29,6 +29,7 @@ from flexmb.analysis.validity.frequency_error import FrequencyErrorMonitor
 from flexmb.analysis.validity.linear_elasticity import (
     LARGEST_SOFTENING,
     LEAST_SPEED,
+    SLOW,
     LinearElasticityMonitor,
     flexible_columns,
     loads_without_response,
@@ -42,7 +43,7 @@ from flexmb.analysis.validity.omitted_stiffening import (
     omitted_stiffness,
 )
 from flexmb.analysis.validity.omitted_vibrations import OmittedVibrationMonitor, VibrationResponse
-from flexmb.analysis.validity.pose_vibrations import errors_by_omission
+from flexmb.analysis.validity.pose_vibrations import LEAST_CYCLES, errors_by_omission
 from flexmb.engine.bodies.static_mode_tables import StaticModes
 from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
@@ -86,10 +87,13 @@ class ValidityMonitor:
         self._load_factor = LoadFactorMonitor(compiled, model, q, is_motion)
         self._inertia = _inertia_monitor(compiled, model, q)
         self._monitors: tuple[Monitor, ...] = ()  # all of them are of flexible bodies
+        self._bars: OmittedStiffeningMonitor | None = None
+        duration = model.dynamics.duration if model.dynamics and is_motion else 0.0
+        self._slowest = LEAST_CYCLES / duration if duration else 0.0  # of a vibration in it, Hz
         linear = not any(map(stretches, model.bodies.values()))  # else frequencies change
         if is_judged and compiled.system.parts.bodies["m"].any():
             of = compiled, model
-            bars = OmittedStiffeningMonitor(*of, q, self._load_factor, is_motion)
+            self._bars = bars = OmittedStiffeningMonitor(*of, q, self._load_factor, is_motion)
             self._monitors = (
                 self._elasticity,
                 self._load_factor,
@@ -150,18 +154,26 @@ class ValidityMonitor:
 
     @one_blas_thread()
     def _frequency_errors(self) -> tuple[list[str], list[Indicator]]:
-        """What stiffening and inertia coupling, left out, change where bodies rotate fastest.
+        """What stiffening and inertia coupling, left out, change where bodies rotate fastest, and
+        where the forces of bars are largest.
 
         Names of the bodies of which stiffening is known, and an indicator of each one.
         """
         bars, errors = list[str](), list[Indicator]()
         if self._compiled.layout.nv > MAX_COORDINATES:
             return bars, errors
-        for begin, names in self._elasticity.fast_states():
+        states = (
+            *self._elasticity.fast_states(),
+            *(self._bars.bent_states() if self._bars else ()),
+        )
+        for begin, names in states:
+            if set(names) <= set(bars):
+                continue
             with suppress(FlexmbError, np.linalg.LinAlgError):  # no equilibrium, or no inertia
                 made = _without_vibrations(self._compiled, self._model, begin, names[0])
                 row, contains = _row_of(made.state), self._elasticity.contains
-                every = _frequency_errors(made, row, self._load_factor, contains)
+                of = self._load_factor, contains, self._slowest
+                every = _frequency_errors(made, row, *of)
                 bars += [one for one in every[0] if one in names]
                 errors += [one for one in every[1] if one.body in names]
         return bars, errors
@@ -231,11 +243,12 @@ def _frequency_errors(
     row: OutputBlock,
     load_factor: LoadFactorMonitor,
     counts: Callable[[str, Complex], NDArray[np.bool_]],
+    slowest: float = 0.0,
 ) -> tuple[list[str], list[Indicator]]:
     """What stiffening or inertia coupling, left out, change of natural frequencies.
 
-    Stiffening is known of bars, which are named; of other bodies the speed tells it. `counts` as of
-    `errors_by_omission`.
+    Stiffening is known of bars, which are named; of other bodies the speed tells it. `counts` and
+    `slowest` as of `errors_by_omission`.
     """
     compiled, model, units = made.compiled, made.model, made.model.units
     terms = list(omitted_stiffness(compiled, model, row, load_factor))
@@ -261,15 +274,17 @@ def _frequency_errors(
     counts_of_modes = () if static is None else zip(static.rows, np.diff(static.first), strict=True)
     bodies = compiled.layout.bodies
     massless = [bodies[k].name for k, count in counts_of_modes if count == bodies[k].m]
-    every = errors_by_omission(made, terms, below, least, counts) if terms else ()
+    band = slowest, below
+    every = errors_by_omission(made, terms, band, least, counts) if terms else ()
     for error, mode, causes in every:
         name = causes[0].name
-        where = f" turns with {units.say(turns[name], 'rad/s', 3)}" if name in turns else ""
+        hertz, where = made.frequencies[mode], ""
+        if turns.get(name, 0.0) > SLOW * 2.0 * np.pi * hertz:
+            where = f" turns with {units.say(turns[name], 'rad/s', 3)}"
         what, cures = (
             " and ".join(words)
             for words in zip(*((one.cause, one.cure) for one in causes), strict=True)
         )
-        hertz = made.frequencies[mode]
         effect = _frequency_error(error, units.say(hertz, "Hz", 3) if hertz else "")
         if name in massless:
             effect = _deformation_error(error)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from flexmb.flexbody import FlexBody, MembraneStiffness
+    from flexmb.flexbody import MembraneStiffness
 
 
 class Scratch(NamedTuple):
@@ -42,21 +42,6 @@ class MembraneForces(NamedTuple):
     rows: Integers  # their rows in the table of bodies
     sizes: Integers  # (2,) largest numbers of shapes and of modes
     scratch: Scratch = None  # of one run
-
-
-def membrane_tangents(
-    table: NDArray[np.void], bodies: Sequence[FlexBody | None], q: NDArray[np.float64]
-) -> dict[int, NDArray[np.float64]]:
-    """Stiffness (m, m) that membrane forces add to bodies deformed as in q, by their rows.
-
-    `bodies` are those of the rows of the table; None: rigid.
-    """
-    tangents = {}
-    for row in np.flatnonzero(table["shapes"]).tolist():
-        body, first = bodies[row], int(table["iq"][row]) + 7
-        if body is not None and body.membrane_stiffness is not None:
-            tangents[row] = body.membrane_stiffness.forces(q[first : first + body.m])[1]
-    return tangents
 
 
 def membrane_block(stiffness: MembraneStiffness) -> NDArray[np.float64]:
