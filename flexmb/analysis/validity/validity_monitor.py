@@ -162,17 +162,15 @@ class ValidityMonitor:
         bars, errors = list[str](), list[Indicator]()
         if self._compiled.layout.nv > MAX_COORDINATES:
             return bars, errors
-        states = (
-            *self._elasticity.fast_states(),
-            *(self._bars.bent_states() if self._bars else ()),
-        )
-        for begin, names in states:
+        bent = self._bars.bent_states() if self._bars else ()
+        states = [(*one, 0.0) for one in self._elasticity.fast_states()]
+        for begin, names, slowest in (*states, *((*one, self._slowest) for one in bent)):
             if set(names) <= set(bars):
                 continue
             with suppress(FlexmbError, np.linalg.LinAlgError):  # no equilibrium, or no inertia
                 made = _without_vibrations(self._compiled, self._model, begin, names[0])
                 row, contains = _row_of(made.state), self._elasticity.contains
-                of = self._load_factor, contains, self._slowest
+                of = self._load_factor, contains, slowest
                 every = _frequency_errors(made, row, *of)
                 bars += [one for one in every[0] if one in names]
                 errors += [one for one in every[1] if one.body in names]
