@@ -93,6 +93,22 @@ def meanwhile(function: Callable[..., T], *arguments: Any) -> Iterator[Future[T]
     yield done
 
 
+class Halt:
+    """A progress that ends what calls it in another thread, once its context ends by an error."""
+
+    def __init__(self) -> None:
+        self._ended = False
+
+    def __call__(self, phase: str, fraction: float, detail: str = "") -> None:
+        if self._ended:
+            raise FlexmbError("its result is not needed any more")
+
+    def __enter__(self) -> None: ...
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self._ended = kind is not None
+
+
 class PhaseTimer:
     """Wall time by phase."""
 

@@ -16,6 +16,10 @@ from accuracyscenes.judging import largest_error
 from scipy.integrate import solve_ivp
 from truthkit import run
 
+from flexmb.analysis.dynamics.dynamics import prepare_dynamics
+from flexmb.analysis.dynamics.lasting_motion import _rows_with_equal_steps
+from flexmb.engine.compile import compile_system
+from flexmb.engine.state import State
 from flexmb.model import Model
 
 SOFT, MASS = 10.0, 0.01  # N/m; kg, of the second body
@@ -121,3 +125,14 @@ def test_a_vibration_that_is_there_when_a_clutch_lets_go_is_stated_or_followed(
     assert error <= 2 * accuracy
     if max(error, told) > 0.2 * accuracy:
         assert error / 3 <= told <= 3 * error
+
+
+def test_a_repetition_whose_first_step_fails_has_no_rows():
+    made = clutch(2e3, "one-way")
+    made.set_dynamics(duration=6.0, outputs=100, accuracy=1e-3, method="radau")
+    prepared = prepare_dynamics(compile_system(made), made)
+    prepared.advance(first=True)
+    run, jumps = prepared.verified.fine, prepared.verified.jumps
+    for state in (first := prepared.first, other := State(*(x.copy() for x in prepared.first))):
+        state.v[:] = np.nan
+    assert not list(_rows_with_equal_steps(run, prepared.settings, first, other, jumps))

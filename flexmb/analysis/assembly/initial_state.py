@@ -304,7 +304,7 @@ def _equilibrate(
     before: list[tuple[Array, Array]] = []  # previous deformations and their steps
     membranes = compiled.system.parts.bodies["shapes"].any()
     stiffened = [one.centrifugal_stiffness is not None for one in compiled.bodies.values()]
-    newton = (membranes or any(stiffened)) and len(state.v) <= MAX_COORDINATES
+    newton = membranes or (any(stiffened) and len(state.v) <= MAX_COORDINATES)
     equations = StateEquations(compiled, state) if newton else None
     for _ in range(_MAX_ROUNDS):
         _solve_accelerations(solve, state)

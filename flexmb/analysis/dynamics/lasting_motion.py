@@ -8,6 +8,7 @@ of the run is repeated with it and without it, by the same steps.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 
 import numpy as np
@@ -67,8 +68,8 @@ def measure_lasting_motion(
             largest, worst = lasting, (begin, own, fine)
     if worst is not None:
         begin, own, fine = worst
-        rows = _rows_with_equal_steps(run, settings, own, fine, jumps)
-        error.add(*rows, float(jumps.table[begin, 0]))
+        for rows in _rows_with_equal_steps(run, settings, own, fine, jumps):
+            error.add(*rows, float(jumps.table[begin, 0]))
 
 
 def _follow(
@@ -89,8 +90,11 @@ def _follow(
 
 def _rows_with_equal_steps(
     run: Integration, settings: method.Settings, own: State, other: State, jumps: JumpStates
-) -> tuple[OutputBlock, OutputBlock]:
-    """Rows of two states from the same time on, of which the second follows steps of the first."""
+) -> Iterator[tuple[OutputBlock, OutputBlock]]:
+    """Rows of two states from the same time on, of which the second follows steps of the first.
+
+    None if the first step fails.
+    """
     settings = settings._replace(start=float(own.t[0]))
     times = jumps.outputs[jumps.outputs > settings.start]
     leads = Integration(run.compiled, run.method, settings, own, times)
@@ -107,6 +111,7 @@ def _rows_with_equal_steps(
                 blocks[1].append(follows.rows.read())
     except FlexmbError:  # too many steps: the rows up to there count
         pass
-    joined = [OutputBlock.joined(each) for each in blocks]
-    rows = min(len(block.t) for block in joined)
-    return joined[0].part(0, rows), joined[1].part(0, rows)
+    if all(blocks):
+        joined = [OutputBlock.joined(each) for each in blocks]
+        rows = min(len(block.t) for block in joined)
+        yield joined[0].part(0, rows), joined[1].part(0, rows)

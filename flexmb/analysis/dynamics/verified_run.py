@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from flexmb.analysis.chunked_run import meanwhile
+from flexmb.analysis.chunked_run import Halt, meanwhile
 from flexmb.analysis.dynamics.integration import Integration
 from flexmb.analysis.dynamics.jump_states import JumpStates
 from flexmb.analysis.dynamics.measured_error import MeasuredError, QuantityError, error_statistics
@@ -41,7 +41,7 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.state import Plan, State
 from flexmb.errors import FlexmbError
 from flexmb.model.model import Model
-from flexmb.progress import Progress, silent
+from flexmb.progress import Progress
 from flexmb.results.output_block import OutputBlock
 
 _SCOUT = "scout_"
@@ -371,8 +371,8 @@ def measure_round_off_growth(
         own = np.vstack([chunk.values for chunk in chunks])
         error.set_round_off([own, *runs], more)
         if error.amplified_round_off() > _MIN_AMPLIFIED * accuracy:
-            of = verified, begin, chunks
-            with meanwhile(_rows_on_moved_steps, *of, -_KNOT_SHIFT, silent) as backwards:
+            of, halt = (verified, begin, chunks), Halt()
+            with meanwhile(_rows_on_moved_steps, *of, -_KNOT_SHIFT, halt) as backwards, halt:
                 runs.append(_rows_on_moved_steps(*of, 0.0, progress))
             error.set_round_off([*runs, backwards.result()], more)
     except FlexmbError:  # too many steps: the run itself has reported that

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from types import SimpleNamespace
 
 import numpy as np
@@ -18,6 +19,7 @@ from flexmb.analysis.dynamics.dynamics import dynamics, prepare_dynamics
 from flexmb.analysis.dynamics.reached_accuracy import missed_accuracy
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
+from flexmb.progress import silent
 
 
 def links(n, angle="0 deg", **second):
@@ -354,3 +356,24 @@ def test_a_scout_in_a_thread_of_its_own_changes_no_bit():
         np.testing.assert_array_equal(array, prepared.arrays()[name], err_msg=name)
     for one, other in zip(blocks, others, strict=True):
         np.testing.assert_array_equal(one.q, other.q)
+
+
+def test_what_goes_beside_a_repeated_run_ends_with_it(monkeypatch):
+    """It went on to the end of the run after Ctrl-C, so that nothing happened for minutes."""
+    ends = []
+
+    def rows(verified, begin, chunks, shift, progress):
+        if shift == 0.0:
+            raise KeyboardInterrupt
+        for _ in range(300 if shift < 0.0 else 0):
+            time.sleep(0.01)
+            progress("integrate", 1.0)
+        ends.append(shift)
+        return np.vstack([chunk.values for chunk in chunks])
+
+    prepared, _ = advanced(1)
+    monkeypatch.setattr(verified_run, "_rows_on_moved_steps", rows)
+    monkeypatch.setattr(prepared.verified.error, "amplified_round_off", lambda: 1.0)
+    with pytest.raises(KeyboardInterrupt):
+        verified_run.measure_round_off_growth(prepared.verified, 1e-9, prepared.begin, silent)
+    assert len(ends) == 1 and ends[0] > 0.0
