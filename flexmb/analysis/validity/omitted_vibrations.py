@@ -258,6 +258,7 @@ class OmittedVibrationMonitor:
         reactions = self._reaction_changes(equations, Cq, lam)
         change = np.concatenate([own, np.stack([reactions, 0.0 * reactions])], axis=1)
         turn = X[self._modal].T @ self._K @ self._shapes / omega[:, None] ** 2
+        change = change[:, : len(self._least)]  # an audit's rows have no reactions
         return np.asarray(np.linalg.norm(change @ turn / self._omega, axis=0))
 
     def _reaction_changes(self, equations: StateEquations, Cq: Array, lam: Array) -> Array:
@@ -387,7 +388,8 @@ class OmittedVibrationMonitor:
             groups.append(
                 (f"sensors.{name}", self._model.channel_unit(channels[own[0]]) or "", own)
             )
-        for n, name in enumerate(self._compiled.layout.reactions):
+        reactions = self._compiled.layout.reactions if len(ranges) > len(channels) else ()
+        for n, name in enumerate(reactions):
             for k, what in product((0, 6), ("force", "moment")):
                 at = len(channels) + 12 * n + k + 3 * (what == "moment")
                 groups.append((f"the {what} of {name}", what, [at, at + 1, at + 2]))
