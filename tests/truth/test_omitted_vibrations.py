@@ -238,3 +238,10 @@ def test_a_load_that_bounces_on_a_rod_makes_no_growing_error():
     knobs = {"duration": 15.0, "outputs": 1500, "accuracy": 1e-5, "method": "radau"}
     notes = flexmb.simulate(model, verify=False, **knobs).notes
     assert not [note for note in notes if "for want of modes" in note]
+
+
+def test_an_audit_tells_them_too(tmp_path):
+    """Its rows have no reactions: it ended with a traceback."""
+    made = pushed(10, "quasi-static")
+    run = flexmb.simulate(made, duration=0.8, outputs=30, verify=False, output=tmp_path)
+    assert "leave out vibrations" in "".join(flexmb.audit(run).notes)
