@@ -29,6 +29,9 @@ from flexmb.results.output_block import OutputBlock
 # Least displacement by a lost velocity until the end of the run, over the requested accuracy, for
 # which the rest is repeated.
 _LEAST_MOTION = 0.1
+# Least accuracy for which it is measured: of a mass shaken against dry friction, what its bristle
+# does at events makes 1e-8 of the motion, whatever the steps.
+_LEAST_ACCURACY = 5e-7
 # Local tolerance up to an event, over that of the run, and over the accuracy: a vibration whose
 # velocity v counts moves by v/ω, ω being its frequency. Largest numbers of steps, over those of
 # the run, and in all.
@@ -47,7 +50,7 @@ def measure_lasting_motion(
     Parameters as of `measure_damped_vibrations`.
     """
     order = sorted([*jumps.passed(), *jumps.events()[0]], key=lambda k: float(jumps.table[k, 0]))
-    if settings.static_after_step == 1:
+    if settings.static_after_step == 1 or settings.accuracy < _LEAST_ACCURACY:
         return
     span, scales = settings.end - jumps.table[:, 0], run.state.q_scale
     longest = float(run.state.memory[0]["largest_step"])
