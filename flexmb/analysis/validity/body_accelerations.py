@@ -320,12 +320,20 @@ class LackingBody:
 
     def sensor_changes(self, compiled: Compiled, row: OutputBlock, mode: int) -> Array:
         """(channels,) amplitude at sensors, over that of a mode that is left out, as its inertia
-        moves the scene about a row of a run."""
+        moves the scene about a row of a run, and its interfaces no farther than of a free body."""
         number, system = compiled.layout.bodies.index(self.columns), compiled.system
         scene = MechanismModes(compiled, row.q[0], list(range(len(compiled.layout.bodies))))
         force, motions = (self.force @ self.C)[mode], scene.unit_motions()
-        force[:3] = body_axes(compiled, row.q[0])[number] @ force[:3]
-        X = motions @ (motions[self.part].T @ force[:, None])
+        A = block_diag(body_axes(compiled, row.q[0])[number], np.eye(3 + self.body.m))
+        X = motions @ (motions[self.part].T @ (A @ force))[:, None]
+        free, own = self.accelerations.inverse @ force, A.T @ X[self.part, 0]
+        ways = [
+            [np.linalg.norm(x[:3] + np.cross(x[3:6], one.position) + one.Phi_t @ x[6:])
+             for one in self.body.interfaces]
+            for x in (free, own)
+        ]  # fmt: skip
+        most, now = (max(one, default=0.0) for one in ways)
+        X = X * min(1.0, most / now) if now > 0.0 else X
         equations = StateEquations(compiled, new_state(system, len(compiled.layout.channels)))
         equations.set_row(row, 0)
         none = np.zeros((compiled.layout.nc, 1))
