@@ -11,8 +11,8 @@ from flexiblescenes import BEAM_PERIOD, flexible_crank, four_bar_with_a_beam, ro
 from truth.test_effects import cantilever
 
 import flexmb
-from flexmb.analysis.validity.omitted_vibrations import VibrationResponse
-from flexmb.errors import FlexmbWarning
+from flexmb.analysis.validity.omitted_vibrations import OmittedVibrationMonitor, VibrationResponse
+from flexmb.errors import FlexmbWarning, SolverError
 from flexmb.model import Model
 from flexmb.model.flexible_body import DeformationSpec
 from flexmb.model.scenes.effects import with_words
@@ -245,3 +245,21 @@ def test_an_audit_tells_them_too(tmp_path):
     made = pushed(10, "quasi-static")
     run = flexmb.simulate(made, duration=0.8, outputs=30, verify=False, output=tmp_path)
     assert "leave out vibrations" in "".join(flexmb.audit(run).notes)
+
+
+def test_rows_behind_a_refusal_leave_no_trace(monkeypatch):
+    """Poses of rows that are dropped stayed, so that what is told depended on the chunk."""
+    monitors, begin = [], OmittedVibrationMonitor.__init__
+
+    def record(self, *of):
+        begin(self, *of)
+        monitors.append(self)
+
+    monkeypatch.setattr(OmittedVibrationMonitor, "__init__", record)
+    made = pushed("100*t", "quasi-static")
+    made.set_validity(deflection=0.05)
+    with pytest.raises(SolverError, match="deflected") as told:
+        flexmb.simulate(made, duration=0.8, outputs=80, accuracy=1e-3, verify=False)
+    time = float(re.search(r"at t = ([\d.]+) s", str(told.value))[1])
+    assert 0.1 < time < 0.7
+    assert 0 <= max(monitors[-1]._changes) <= int(16 * time / 0.8)

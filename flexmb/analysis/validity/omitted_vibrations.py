@@ -7,10 +7,10 @@ along it: d̈ + 2ζω ḋ + ω² d = −ä. With kinetostatic modes a is its mod
 the run, zero for vibrations that the run has with these modes fixed. Others are massless springs
 that move with the masses at their ends: a = φᵀ ΔM η, ΔM the mass that they lack. All begin in
 elastic equilibrium, also where their vibrations would not. a is a cubic by values and rates of two
-rows. If a load or an acceleration of a driver jumps or has a
-kink between them, a has the shape of that function of time. So d is that of a shock spectrum: |a|
-for a step; 2|a sin(ωT/2)|/(ωT) after a ramp of duration T, and |a|/(ωT) during it (Biggs,
-Introduction to Structural Dynamics, 1964, ch. 2).
+rows. If a load or an acceleration of a driver jumps or has a kink between them, a has the shape of
+that function of time. So d is that of a shock spectrum: |a| for a step; 2|a sin(ωT/2)|/(ωT) after a
+ramp of duration T, and |a|/(ωT) during it (Biggs, Introduction to Structural Dynamics, 1964,
+ch. 2).
 
 A vibration of amplitude d moves a sensor, and adds Cqᵀ λ = ω² M φ − K φ to the reactions, in the
 pose that the scene has then. Those of several vibrations are added as in shock spectra, by the root

@@ -383,6 +383,6 @@ def _tells(other: Indicator, one: Indicator) -> bool:
 
 
 def _arrays(monitor: Monitor) -> dict[str, Any]:
-    """The state of a monitor: its arrays, which it replaces when it changes them."""
-    kinds = (np.ndarray, VibrationResponse)
+    """The state of a monitor: its arrays, which it replaces when it changes them, and tables."""
+    kinds = (np.ndarray, VibrationResponse, dict)
     return {name: value for name, value in vars(monitor).items() if isinstance(value, kinds)}
