@@ -19,7 +19,7 @@ from flexmb.analysis.effects.smooth_pieces import SlowAxes
 from flexmb.analysis.effects.stored_motion import blocks
 from flexmb.analysis.effects.variational_equations import VariationalEquations, spin, times
 from flexmb.errors import FlexmbError
-from flexmb.flexbody.arrays import Array
+from flexmb.flexbody.arrays import Array, IntArray
 
 _WORSE = 10.0  # largest motion of a dependent coordinate per unit of an independent one
 _LEAST_ROWS, _MOST_ROWS = 8, 64  # least rows with one selection; most rows solved together
@@ -27,10 +27,15 @@ _ROWS_OF_RANK = 8  # rows, about, in which motions without inertia are counted
 
 
 class IndependentCoordinates(NamedTuple):
-    """Motions Z (n, nu, d) per unit of y, and g (n, nu), which satisfies the constraints."""
+    """Motions Z (n, nu, d) per unit of y, and g (n, nu), which satisfies the constraints.
+
+    The y are the coordinates `free`; the others, `dependent`, follow them.
+    """
 
     Z: Array
     g: Array
+    free: IntArray
+    dependent: IntArray
 
 
 def choose_coordinates(of: VariationalEquations, first: int, n: int) -> IndependentCoordinates:
@@ -59,47 +64,47 @@ def choose_coordinates(of: VariationalEquations, first: int, n: int) -> Independ
         Z[k - first : end, dependent] = solution[: end - k + first, :, :-1]
         g[k - first : end, dependent] = solution[: end - k + first, :, -1]
         if large.size:
-            return IndependentCoordinates(Z[:end], g[:end])
+            return IndependentCoordinates(Z[:end], g[:end], free, dependent)
         k = own.stop
-    return IndependentCoordinates(Z, g)
+    return IndependentCoordinates(Z, g, free, dependent)
 
 
 class IndependentMotions:
     """The equations for y of δq = Z y + g: M ÿ + D ẏ + K y = load.
 
-    `rates` are first and second derivatives of Z, and of g, if splines are not accurate enough.
+    The y themselves have no rates in body axes. Motions of the coordinates `turning` have some: of
+    the dependent ones, and of the vectors, which turn with the bodies.
     """
 
     def __init__(
-        self, axes: SlowAxes, of: VariationalEquations, Z: Array, g: Array,
-        rates: tuple[tuple[Array, Array], tuple[Array, Array]] | None = None,
-    ) -> None:  # fmt: skip
-        self._axes, self._of, self.Z, self.g = axes, of, Z, g
-        if rates is None:
-            self.Zd, rate = axes.rate(Z), axes.rate(g)
-            self.V1 = self.Zd + spin(of, Z)
-            self.V1d, second = axes.rate(self.V1), axes.rate(rate)
-        else:
-            (self.Zd, Zdd), (rate, second) = rates
-            self.V1 = self.Zd + spin(of, Z)
-            self.V1d = Zdd + axes.rate_of_spin(of.Omega) @ Z + spin(of, self.Zd)
-        turned = times(of.Omega, g)
-        self.a0, self.a0d = rate + turned, second + axes.rate(turned)
-        n, _, d = Z.shape
+        self, axes: SlowAxes, of: VariationalEquations, coordinates: IndependentCoordinates
+    ) -> None:
+        self.axes, self.of, (self.Z, self.g, free, dependent) = axes, of, coordinates
+        vectors = [dependent, *of.frames.vectors()]
+        self._turning = turning = np.unique(np.concatenate(vectors))
+        own, moved = axes.among(turning), self.Z[:, turning]
+        Zd = own.rate(moved)
+        self._V1 = Zd + spin(of, moved, turning)
+        self._twice, self._V1d = Zd + self._V1, own.rate(self._V1)
+        n, _, d = self.Z.shape
         self.M, self.D, self.K = (np.zeros((n, d, d)) for _ in range(3))
-        project, self._mean = of.projection(Z), np.zeros((2, d, d))
+        self.plain = None if of.friction is None else np.zeros((2, n, d, d))
+        self.project = of.projection(self.Z)
         for part in blocks(n):
-            Zt, M, D, V1 = project[part], of.M[part], of.D[part], self.V1[part]
-            inertia, springs = M @ Z[part], M @ self.V1d[part] + D @ V1 + of.K[part] @ Z[part]
-            self.M[part], self.K[part] = Zt @ inertia, Zt @ springs
-            self.D[part] = Zt @ (M @ (self.Zd[part] + V1) + D @ Z[part])
-            if of.friction is not None:
-                Zt = Z[part].transpose(0, 2, 1)
-                self._mean += [(Zt @ X).sum(axis=0) / n for X in (springs, inertia)]
-        if of.friction is None:
-            self._mean[:] = self.K.mean(axis=0), self.M.mean(axis=0)
-        force = of.F + times(of.M, self.a0d) + times(of.D, self.a0) + times(of.K, g)
-        self.load = -times(project, force)
+            tables, lead = [X[part] for X in (of.M, of.D, of.K)], self.Z[part][:, dependent]
+            M, D = (X[:, :, turning] for X in tables[:2])
+            inertia, damping, springs = (X[:, :, free] + X[:, :, dependent] @ lead for X in tables)
+            damping += M @ self._twice[part]
+            springs += M @ self._V1d[part] + D @ self._V1[part]
+            for k, X in enumerate((springs, inertia, damping)):
+                table, projected = (self.K, self.M, self.D)[k], X[:, free]
+                projected = projected + lead.transpose(0, 2, 1) @ X[:, dependent]
+                table[part] = projected if self.plain is None else self.project[part] @ X
+                if self.plain is not None and k < 2:
+                    self.plain[k][part] = projected
+        rate = axes.rate(self.g)
+        self.a0, self.a0d, load = offset(self, self.g, rate, axes.rate(rate))
+        self.load = times(self.project, load)
 
     def mean(self, X: Array) -> Array:
         """Mean Zᵀ X Z."""
@@ -110,16 +115,9 @@ class IndependentMotions:
 
         Friction by reactions is left out. `further` (nu, nu) is added to the mass.
         """
-        from scipy.linalg import eigh
-
-        stiffness, mass = (0.5 * (X + X.T) for X in self._mean)
-        try:
-            squares, T = eigh(stiffness, mass if further is None else mass + self.mean(further))
-        except np.linalg.LinAlgError:
-            what = "the motions about the computed one have no inertia in the mean"
-            more = "the rows of the run are too far apart for them; ask for more outputs"
-            raise FlexmbError(f"{what}: {more}") from None
-        return np.maximum(np.sqrt(np.abs(squares)), least), T
+        both = (self.K, self.M) if self.plain is None else self.plain
+        stiffness, mass = (X.mean(axis=0) for X in both)
+        return mean_modes(stiffness, mass if further is None else mass + self.mean(further), least)
 
     def rank(self) -> int:
         """Least number of motions that have inertia, in some of the rows."""
@@ -132,39 +130,98 @@ class IndependentMotions:
 
         If these violate the constraints, the difference is least in the metric M + stiffness.
         """
-        W = self._of.M[0] + stiffness
+        W, turned = self.of.M[0] + stiffness, v - self.a0[0]
         close = np.linalg.solve(self.Z[0].T @ W @ self.Z[0], self.Z[0].T @ W)
         y = close @ (q - self.g[0])
-        return y, close @ (v - self.V1[0] @ y - self.a0[0])
+        turned[self._turning] -= self._V1[0] @ y
+        return y, close @ turned
 
-    def condensed(self, T: Array, follow: NDArray[np.bool_], span: float) -> IndependentMotions:
-        """Equations after static condensation of the modes, with shapes T (d, d), that `follow`.
-
-        These modes have no inertia: they are in equilibrium with the loads and the motions of the
-        others. The rates of that equilibrium are differences over a time `span` [s], if it is
-        given, since the shapes rotate with the bodies.
-        """
-        K, load = T.T @ self.K @ T, self.load @ T
-        others = np.concatenate([K[:, follow][:, :, ~follow], -load[:, follow, None]], axis=2)
-        lead = -np.linalg.solve(K[:, follow][:, :, follow], others)
-        X = self.Z @ T
-        g = self.g + times(X[:, :, follow], lead[:, :, -1])
-        lead = lead[:, :, :-1]
-        Z = X[:, :, ~follow] + X[:, :, follow] @ lead
-        if span == 0.0:
-            return IndependentMotions(self._axes, self._of, Z, g)
-        Xd = self._axes.rate(X)
-        Xdd = self._axes.rate(Xd)
-        flat = self._axes.pieces.slow_rates(lead.reshape(len(lead), -1), span)
-        once, twice = (rate.reshape(lead.shape) for rate in flat)
-        first = Xd[:, :, ~follow] + Xd[:, :, follow] @ lead + X[:, :, follow] @ once
-        second = Xdd[:, :, ~follow] + Xdd[:, :, follow] @ lead + X[:, :, follow] @ twice
-        second += 2.0 * Xd[:, :, follow] @ once
-        rates = (first, second), self._axes.slow_rates(g, span)
-        return IndependentMotions(self._axes, self._of, Z, g, rates)
+    def place(self, y: Array) -> Array:
+        """δq (nu,) in the first row, less g, or that of each column of y."""
+        return np.asarray(self.Z[0] @ y)
 
     def motion(self, y: Array, yd: Array, ydd: Array) -> Array:
         """δq, δv and δv̇ (3, n, nu)."""
-        dvd = times(self.Z, ydd) + times(self.Zd + self.V1, yd) + times(self.V1d, y) + self.a0d
-        dv = times(self.Z, yd) + times(self.V1, y) + self.a0
-        return np.array([times(self.Z, y) + self.g, dv, dvd])
+        return np.asarray(self.moved(y, yd, ydd) + [self.g, self.a0, self.a0d])
+
+    def moved(self, y: Array, yd: Array, ydd: Array) -> Array:
+        """`motion` without what y = 0 leaves."""
+        made = np.array([times(self.Z, x) for x in (y, yd, ydd)])
+        made[1][:, self._turning] += times(self._V1, y)
+        made[2][:, self._turning] += times(self._twice, yd) + times(self._V1d, y)
+        return made
+
+
+class CondensedMotions:
+    """Equations after static condensation of the modes, with shapes T (d, d), that `follow`.
+
+    These modes have no inertia: they are in equilibrium with the loads and the motions of the
+    others, z: y = W z + w. The rates of that equilibrium are differences over a time `span` [s], if
+    it is given, since the shapes rotate with the bodies.
+    """
+
+    def __init__(
+        self, within: IndependentMotions, T: Array, follow: NDArray[np.bool_], span: float
+    ) -> None:
+        self._within, axes = within, within.axes
+        K, load = T.T @ within.K @ T, within.load @ T
+        others = np.concatenate([K[:, follow][:, :, ~follow], -load[:, follow, None]], axis=2)
+        lead = -np.linalg.solve(K[:, follow][:, :, follow], others)
+        self.g = within.g + times(within.Z, lead[:, :, -1] @ T[:, follow].T)
+        lead = lead[:, :, :-1]
+        if span == 0.0:
+            once, rate = axes.pieces.rate(lead), axes.rate(self.g)
+            twice, second = axes.pieces.rate(once), axes.rate(rate)
+        else:
+            flat = axes.pieces.slow_rates(lead.reshape(len(lead), -1), span)
+            once, twice = (rate.reshape(lead.shape) for rate in flat)
+            rate, second = axes.slow_rates(self.g, span)
+        W, Wd, Wdd = T[:, ~follow] + T[:, follow] @ lead, T[:, follow] @ once, T[:, follow] @ twice
+        self._W, Wt = (W, Wd, Wdd), W.transpose(0, 2, 1)
+        self.M = Wt @ (within.M @ W)
+        self.D = Wt @ (within.D @ W + 2.0 * (within.M @ Wd))
+        self.K = Wt @ (within.K @ W + within.D @ Wd + within.M @ Wdd)
+        both = self.K, self.M
+        if within.plain is not None:
+            both = Wt @ (within.plain[0] @ W), Wt @ (within.plain[1] @ W)
+        self._mean = both[0].mean(axis=0), both[1].mean(axis=0)
+        self._a0, self._a0d, load = offset(within, self.g, rate, second)
+        self.load = times(Wt, times(within.project, load))
+
+    def modes(self, least: float) -> tuple[Array, Array]:
+        """As `IndependentMotions.modes`."""
+        return mean_modes(*self._mean, least)
+
+    def place(self, z: Array) -> Array:
+        """As `IndependentMotions.place`."""
+        return self._within.place(self._W[0][0] @ z)
+
+    def motion(self, z: Array, zd: Array, zdd: Array) -> Array:
+        """δq, δv and δv̇ (3, n, nu)."""
+        W, Wd, Wdd = self._W
+        y, yd = times(W, z), times(W, zd) + times(Wd, z)
+        ydd = times(W, zdd) + 2.0 * times(Wd, zd) + times(Wdd, z)
+        return np.asarray(self._within.moved(y, yd, ydd) + [self.g, self._a0, self._a0d])
+
+
+def offset(
+    motions: IndependentMotions, g: Array, rate: Array, second: Array
+) -> tuple[Array, Array, Array]:
+    """δv, δv̇ and load (n, nu) of δq = g with these derivatives."""
+    of, axes = motions.of, motions.axes
+    turned = times(of.Omega, g)
+    a0, a0d = rate + turned, second + axes.rate(turned)
+    return a0, a0d, -(of.F + times(of.M, a0d) + times(of.D, a0) + times(of.K, g))
+
+
+def mean_modes(stiffness: Array, mass: Array, least: float) -> tuple[Array, Array]:
+    """Frequencies ω (d,), raised to `least`, and mode shapes (d, d)."""
+    from scipy.linalg import eigh
+
+    try:
+        squares, T = eigh(*(0.5 * (X + X.T) for X in (stiffness, mass)))
+    except np.linalg.LinAlgError:
+        what = "the motions about the computed one have no inertia in the mean"
+        more = "the rows of the run are too far apart for them; ask for more outputs"
+        raise FlexmbError(f"{what}: {more}") from None
+    return np.maximum(np.sqrt(np.abs(squares)), least), T

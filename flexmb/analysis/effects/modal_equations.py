@@ -21,7 +21,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from flexmb.analysis.effects.independent_coordinates import IndependentMotions
+from flexmb.analysis.effects.independent_coordinates import CondensedMotions, IndependentMotions
 from flexmb.analysis.effects.smooth_pieces import SmoothPieces
 from flexmb.analysis.effects.stored_motion import blocks
 from flexmb.analysis.effects.variational_equations import times
@@ -47,15 +47,16 @@ class ModalEquations:
     ----------
     pieces : SmoothPieces
         Times of the rows, and jumps between them.
-    made : IndependentMotions
+    made : IndependentMotions or CondensedMotions
         Equations of d independent coordinates y.
     omega, T : (d,) and (d, d) arrays
         Frequencies [rad/s] and mode shapes of these.
     """
 
     def __init__(
-        self, pieces: SmoothPieces, made: IndependentMotions, omega: Array, T: Array
-    ) -> None:
+        self, pieces: SmoothPieces, made: IndependentMotions | CondensedMotions, omega: Array,
+        T: Array,
+    ) -> None:  # fmt: skip
         self._pieces, self.omega, self.T = pieces, omega, T
         self.M, self.D, self.K = (T.T @ A @ T for A in (made.M, made.D, made.K))
         self.load = made.load @ T

@@ -27,6 +27,7 @@ import numpy as np
 
 from flexmb.analysis.assembly.jacobian import ConstraintRows, one_blas_thread
 from flexmb.analysis.effects.independent_coordinates import (
+    CondensedMotions,
     IndependentCoordinates,
     IndependentMotions,
     choose_coordinates,
@@ -289,31 +290,32 @@ def _solve_piece(
     (elastic, massless, quasi_static), (q, v, vd) = springs, begin
     span, interval = pieces.t[-1] - pieces.t[0], np.median(np.diff(pieces.t))
     axes = SlowAxes.of(pieces, of, coordinates.Z)
-    made, further = IndependentMotions(axes, of, *coordinates), None
+    within, further = IndependentMotions(axes, of, coordinates), None
     if massless is not None:
         further = (_NO_TIME * interval) ** 2 * massless
-    omega, T = made.modes(1.0 / span, further)
+    omega, T = within.modes(1.0 / span, further)
     # joints are closed with the least elastic energy, so that stiff modes do not contribute
-    first = np.linalg.solve(T, np.stack(made.coordinates(q, v, elastic * span**2), axis=1))
+    first = np.linalg.solve(T, np.stack(within.coordinates(q, v, elastic * span**2), axis=1))
     if quasi_static is not None:
-        follow = np.einsum("ij,ik,kj->j", T, made.mean(quasi_static), T) > 0.5 * omega**2
+        follow = np.einsum("ij,ik,kj->j", T, within.mean(quasi_static), T) > 0.5 * omega**2
     else:
         follow = omega * interval > UNRESOLVED
         follow &= np.argsort(np.argsort(omega)) >= _MOST_VIBRATIONS
     if massless is not None:
         follow |= omega * interval * _NO_TIME > 0.5
-        follow[made.rank() :] = True
+        follow[within.rank() :] = True
+    made: IndependentMotions | CondensedMotions = within
     if follow.any():
         wide = _SPAN / omega[follow].min() if quasi_static is not None else 0.0
-        first, made = first[~follow], made.condensed(T, follow, wide)
+        made = CondensedMotions(within, T, follow, wide)
         omega, T = made.modes(1.0 / span)
-        first = np.linalg.solve(T, first)
+        first = np.linalg.solve(T, first[~follow])
     (y, yd), modal = first.T, ModalEquations(pieces, made, omega, T)
     if vd is not None:  # where forces hold quick ones at first: places are not known so well
         y[modal.quick] = 0.0
         force = of.F[0] + of.M[0] @ vd + of.D[0] @ v
-        force = force + of.K[0] @ (made.Z[0] @ (T @ y) + made.g[0])
-        side = made.Z[0] @ T[:, modal.quick]
+        force = force + of.K[0] @ (made.place(T @ y) + made.g[0])
+        side = made.place(T[:, modal.quick])
         y[modal.quick] = -least_squares_solution(side.T @ of.K[0] @ side, side.T @ force)
     moved, bounded = modal.integrate(y, yd)
     return made.motion(*(eta @ T.T for eta in moved)), bounded

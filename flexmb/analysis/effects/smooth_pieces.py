@@ -59,7 +59,7 @@ class SmoothPieces:
         from scipy.interpolate import CubicSpline
 
         flat = values.reshape(len(values), -1)
-        rates, changing = np.zeros_like(flat), np.flatnonzero((flat != flat[0]).any(axis=0))
+        rates, changing = np.zeros(flat.shape), np.flatnonzero((flat != flat[0]).any(axis=0))
         for piece in self._pieces():
             t = self.t[piece]
             for k in range(0, len(changing) if len(t) > 1 else 0, _COLUMNS):
@@ -243,9 +243,14 @@ class SlowAxes:
                 turns.append((at, R, equations.Omega[own]))
         return cls(pieces, turns)
 
+    def among(self, rows: IntArray) -> SlowAxes:
+        """The axes for motions of some coordinates only, those of vectors among them."""
+        turns = [(np.searchsorted(rows, at), R, Omega) for at, R, Omega in self.turns]
+        return replace(self, turns=turns)
+
     def rate(self, motions: Array) -> Array:
         """Time derivative of the components (n, nu) or (n, nu, d) of motions in body axes."""
-        x = motions.reshape(*motions.shape[:2], -1)
+        x = motions if motions.ndim == 3 else motions[:, :, None]
         rates = self.pieces.rate(self._turned(x))
         for at, R, Omega in self.turns:
             rates[:, at] = R.transpose(0, 2, 1) @ rates[:, at] - Omega @ x[:, at]
@@ -263,18 +268,6 @@ class SlowAxes:
             further = times(spin, x) + times(Omega, turned + 2.0 * first[:, at])
             second[:, at] = times(back, second[:, at]) - further
         return first, second
-
-    def rate_of_spin(self, Omega: Array) -> Array:
-        """Time derivative of Ω (n, nu, nu)."""
-        turned = Omega.copy()
-        for at, R, _ in self.turns:
-            own = np.ix_(np.arange(len(R)), at, at)
-            turned[own] = R @ Omega[own] @ R.transpose(0, 2, 1)
-        rate = self.pieces.rate(turned)
-        for at, R, _ in self.turns:
-            own = np.ix_(np.arange(len(R)), at, at)
-            rate[own] = R.transpose(0, 2, 1) @ rate[own] @ R
-        return rate
 
     def _turned(self, x: Array) -> Array:
         """Components (n, nu, d) in these axes."""

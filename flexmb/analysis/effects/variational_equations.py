@@ -174,9 +174,10 @@ def times(X: Array, x: Array) -> Array:
     return np.asarray(np.einsum("tij,tj->ti", X, x))
 
 
-def spin(of: VariationalEquations, motions: Array) -> Array:
-    """Ω X of motions X (n, nu, d): Ω couples the three coordinates of a vector only."""
-    made, rows = np.zeros_like(motions), np.arange(len(motions))
+def spin(of: VariationalEquations, motions: Array, rows: IntArray) -> Array:
+    """Ω X of motions X (n, k, d) of some coordinates: Ω couples those of a vector only."""
+    made, every = np.zeros(motions.shape), np.arange(len(motions))
     for at in of.frames.vectors():
-        made[:, at] = of.Omega[np.ix_(rows, at, at)] @ motions[:, at]
+        own = np.searchsorted(rows, at)
+        made[:, own] = of.Omega[np.ix_(every, at, at)] @ motions[:, own]
     return made

@@ -43,7 +43,8 @@ def variational():
 
 
 def solved(begin):
-    everything = IndependentCoordinates(np.tile(np.eye(2), (len(T), 1, 1)), np.zeros((len(T), 2)))
+    Z, none = np.tile(np.eye(2), (len(T), 1, 1)), np.zeros(0, int)
+    everything = IndependentCoordinates(Z, np.zeros((len(T), 2)), np.arange(2), none)
     pieces = SmoothPieces(T, np.zeros(0, int))
     parts, bounded = _solve_piece(
         pieces, variational(), everything, begin, _Springs(np.zeros((2, 2)), None, None)

@@ -47,14 +47,3 @@ def test_what_turns_with_the_body():
     of = axes(motions)[0]
     assert of.turns == []
     assert of.rate(motions)[:, 2, 0] == pytest.approx(np.cos(T), abs=1e-5)
-
-
-def test_a_spin_beside_a_slow_one():
-    """Of a wheel that spins about x in a frame that turns about y with 2 rad/s."""
-    _, turns, _ = axes(np.zeros((len(T), 3, 1)))
-    slow = turns.transpose(0, 2, 1) @ np.array([0.0, 2.0, 0.0])
-    Omega = np.array([skew(one + [SPIN, 0.0, 0.0]) for one in slow])
-    rates = np.array([skew(np.cross(one, [SPIN, 0.0, 0.0])) for one in slow])
-    frame = Rotation.from_rotvec(2.0 * T[:, None] * [0.0, 1.0, 0.0]).as_matrix()
-    of = SlowAxes(SmoothPieces(T, np.zeros(0, np.int64)), [(np.arange(3), frame @ turns, Omega)])
-    assert of.rate_of_spin(Omega) == pytest.approx(rates, abs=1e-3)
