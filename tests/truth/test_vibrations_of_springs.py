@@ -12,11 +12,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from accuracyscenes import SCENES
 from accuracyscenes.judging import largest_error
 from scipy.integrate import solve_ivp
 from truthkit import run
 
+from flexmb.analysis.dynamics import lasting_motion
 from flexmb.analysis.dynamics.dynamics import prepare_dynamics
+from flexmb.analysis.dynamics.integration import Integration
 from flexmb.analysis.dynamics.lasting_motion import _rows_with_equal_steps
 from flexmb.engine.compile import compile_system
 from flexmb.engine.state import State
@@ -136,3 +139,22 @@ def test_a_repetition_whose_first_step_fails_has_no_rows():
     for state in (first := prepared.first, other := State(*(x.copy() for x in prepared.first))):
         state.v[:] = np.nan
     assert not list(_rows_with_equal_steps(run, prepared.settings, first, other, jumps))
+
+
+@pytest.mark.parametrize("name", ["staircase", "rectified wave", "mass between stops"])
+def test_what_is_looked_for_at_many_jumps_and_events_costs_less_than_the_run(name, monkeypatch):
+    """Of none of them a vibration is lost."""
+    spent = []
+
+    class Counted(Integration):
+        def integrate(self, steps):
+            before = int(self.state.count[0]["steps"])
+            status = super().integrate(steps)
+            spent.append(int(self.state.count[0]["steps"]) - before)
+            return status
+
+    monkeypatch.setattr(lasting_motion, "Integration", Counted)
+    scene = SCENES[name]
+    found = run(scene.make(1.0), duration=scene.duration, outputs=scene.outputs, accuracy=1e-5,
+                method="radau")  # fmt: skip
+    assert 0 < sum(spent) < 1.1 * found.statistics["steps"]
