@@ -28,7 +28,7 @@ from flexmb.results.output_block import OutputBlock
 
 # Least displacement by a lost velocity until the end of the run, over the requested accuracy, for
 # which the rest is repeated; it also exceeds the measured error.
-_LEAST_MOTION = 0.2
+_LEAST_MOTION = 0.1
 # Least accuracy for which it is measured: of a mass shaken against dry friction, what its bristle
 # does at events makes 1e-8 of the motion, whatever the steps.
 _LEAST_ACCURACY = 5e-7
@@ -36,7 +36,7 @@ _LEAST_ACCURACY = 5e-7
 # velocity v counts moves by v/ω, ω being its frequency. Largest numbers of steps, over those of
 # the run, and in all. After so many intervals in a row that lose no more (two kinds alternate, as
 # of a clutch that grips and lets go) others are followed up to a share of its steps.
-_TOLERANCE_RATIO, _AMPLITUDE_SHARE, _STEPS_RATIO, _MAX_STEPS = 0.1, 1e-4, 3, 10000
+_TOLERANCE_RATIO, _AMPLITUDE_SHARE, _STEPS_RATIO, _MAX_STEPS = 0.1, 1e-4, 5, 10000
 _MAX_IDLE, _IDLE_SHARE = 4, 0.2
 # Step that crosses the event, and least lost displacement by the lost velocity (less is no
 # vibration, but the place of the event), over the longest step of the run.
@@ -73,7 +73,6 @@ def measure_lasting_motion(
         vibrates = fine.t[0] == own.t[0] and moved > _LEAST_PERIOD * longest * lost.max()
         idle += 1
         if vibrates and lasting > largest:
-            own.angles[:] = fine.angles
             idle, largest, worst = 0, lasting, (begin, own, fine)
     if worst is not None:
         begin, own, fine = worst
