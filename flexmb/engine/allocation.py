@@ -120,7 +120,7 @@ def new_work(system: System, channels: int = 0, method: Method = _NO_METHOD) -> 
     return Work(
         now, con, dense, row, _new_factor(system), _new_collocation(system, method.collocation),
         _new_partition(system, method.partitions), trial, _new_feedback(system),
-        _new_events(system, method),
+        _new_events(system, channels, method),
         _new_alternation(system, method), _nan(5), _nan(3),
         np.zeros(1, dtype=np.int64), _scratch_of_kinds(system),
     )  # fmt: skip
@@ -132,10 +132,10 @@ def _scratch_of_kinds(system: System) -> dict[str, Any]:
     return {kind.name: kind.scratch(tables[kind.name]) for kind in own}
 
 
-def _new_events(system: System, method: Method) -> Events:
+def _new_events(system: System, channels: int, method: Method) -> Events:
     nq, nv, nc = sizes(system)
     room = _EVENT_STATES if method.stages == 0 and system.events else 0
-    width = 2 + nq + 3 * nv + nc + system.history
+    width = 2 + nq + 3 * nv + nc + system.history + channels
     both = (_nan_records(system.events, EVENT_FUNCTION) for _ in range(2))
     return Events(*both, _nan(room, width), np.array([0, 0, 1, 0]))
 

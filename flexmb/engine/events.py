@@ -133,8 +133,8 @@ def _record_state(run):
         copy(st.lam, row[at : at + st.lam.shape[0]])
         at += st.lam.shape[0]
         copy(st.history, row[at : at + st.history.shape[0]])
-        taken[1] += 1
-        taken[3] = 0
+        copy(st.angles, row[at + st.history.shape[0] :])
+        taken[1], taken[3] = taken[1] + 1, 0
     taken[0] += 1
 
 

@@ -240,7 +240,7 @@ class Events(NamedTuple):
     before: array_of(EVENT_FUNCTION)  # at the start of the step
     now: array_of(EVENT_FUNCTION)  # at its end
     # (room, width) states after events of a chunk (implicit methods); of many events every third,
-    # ninth, ...: t, q, v, next step, v some steps later, vd, lam, history
+    # ninth, ...: t, q, v, next step, v some steps later, vd, lam, history, angles
     states: Matrix
     taken: Integers  # (4,) events, rows, events per row, steps since the last row
 

@@ -12,11 +12,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from accuracyscenes import SCENES
 from accuracyscenes.judging import largest_error
+from accuracyscenes.switches import between_switches
 from scipy.integrate import solve_ivp
 from truthkit import run
 
+from flexmb.analysis.dynamics import lasting_motion
+from flexmb.analysis.dynamics.damped_vibrations import state_at_jump
 from flexmb.analysis.dynamics.dynamics import prepare_dynamics
+from flexmb.analysis.dynamics.integration import Integration
 from flexmb.analysis.dynamics.lasting_motion import _rows_with_equal_steps
 from flexmb.engine.compile import compile_system
 from flexmb.engine.state import State
@@ -136,3 +141,80 @@ def test_a_repetition_whose_first_step_fails_has_no_rows():
     for state in (first := prepared.first, other := State(*(x.copy() for x in prepared.first))):
         state.v[:] = np.nan
     assert not list(_rows_with_equal_steps(run, prepared.settings, first, other, jumps))
+
+
+@pytest.mark.parametrize("name", ["staircase", "rectified wave", "mass between stops"])
+def test_what_is_looked_for_at_many_jumps_and_events_costs_less_than_the_run(name, monkeypatch):
+    """Of none of them a vibration is lost."""
+    spent = []
+
+    class Counted(Integration):
+        def integrate(self, steps):
+            before = int(self.state.count[0]["steps"])
+            status = super().integrate(steps)
+            spent.append(int(self.state.count[0]["steps"]) - before)
+            return status
+
+    monkeypatch.setattr(lasting_motion, "Integration", Counted)
+    scene = SCENES[name]
+    found = run(scene.make(1.0), duration=scene.duration, outputs=scene.outputs, accuracy=1e-5,
+                method="radau")  # fmt: skip
+    assert 0 < sum(spent) < 1.1 * found.statistics["steps"]
+
+
+def test_states_at_jumps_and_events_count_the_turns_of_angles():
+    """A wheel turns by 9 rad/s beside a mass that a force moves to and fro between stops."""
+    made = Model("wheel beside stops")
+    made.add_body("wheel", mass=1, inertia=[1] * 3, angular_velocity=[0, 0, 9.0])
+    made.add_joint("pin", "revolute", between=["ground", "wheel"], axis="z")
+    made.add_sensor("turn", "angle", joint="pin")
+    made.add_body("mass", mass=1, inertia=[1] * 3)
+    made.add_joint("rail", "prismatic", between=["ground", "mass"], axis="x")
+    made.add_force("push", "force", at="mass", value=["sign(t-1)*sign(t-2.5)*sign(t-5)", 0, 0])
+    made.add_force("stop", "translational-stop", joint="rail", lower=-0.1, upper=0.1,
+                   stiffness=1e3)  # fmt: skip
+    made.set_dynamics(duration=6.0, outputs=60, accuracy=1e-3, method="radau")
+    prepared = prepare_dynamics(compile_system(made), made)
+    prepared.advance(first=True)
+    run, jumps = prepared.verified.fine, prepared.verified.jumps
+    while not run.finished:
+        prepared.advance()
+    numbers = [*jumps.passed(), *jumps.events()[0]]
+    assert len(jumps.passed()) == 4 and len(numbers) > 8
+    for k in numbers:
+        state = state_at_jump(run, prepared.first, jumps, k)
+        assert state.angles[0] == pytest.approx(9.0 * state.t[0], abs=1e-6)
+
+
+LUGS = "500*(max({0}-2,0)+min({0}+2,0))"  # N m: two lugs with a play of 4 rad
+DISKS = {"a": 0.02, "b": 0.03, "c": 0.05}  # kg m²
+
+
+def test_disks_with_lugs_that_turn_several_times_are_told_no_error_that_they_lack():
+    """A combination lock: each disk takes the next one along, after nearly a turn."""
+    made = Model("lock")
+    for name, inertia in DISKS.items():
+        made.add_body(name, mass=1, inertia=[inertia] * 3)
+        made.add_joint(name, "revolute", between=["ground", name], axis="z")
+        made.add_sensor(name, "angle", joint=name)
+        made.add_sensor(f"s{name}", "angle", joint=name, derivative=1)
+    first, second = LUGS.format("(a-b)"), LUGS.format("(b-c)")
+    torques = f"2*sin(1.5*t)-0.05*sa-{first}", f"{first}-{second}-0.05*sb", f"{second}-0.1*sc"
+    for name, torque in zip(DISKS, torques, strict=True):
+        made.add_force(name, "torque", at=name, value=[0, 0, torque])
+
+    def switches(t, y):
+        return [y[0] - y[1] - 2, y[0] - y[1] + 2, y[1] - y[2] - 2, y[1] - y[2] + 2]
+
+    def rates(t, y, signs):
+        gaps = switches(t, y) * (np.sign([1, -1, 1, -1]) == signs)
+        first, second = 500 * gaps.reshape(2, 2).sum(axis=1)
+        turning = 2 * np.sin(1.5 * t) - first, first - second, second
+        return [*y[3:], *((turning - np.array([0.05, 0.05, 0.1]) * y[3:]) / [*DISKS.values()])]
+
+    found = run(made, duration=6.0, outputs=100, accuracy=1e-3, method="radau")
+    channels = dict(
+        zip(DISKS, between_switches(rates, switches, np.zeros(6), found.t), strict=False)
+    )
+    assert largest_error({name: found[name] for name in DISKS}, channels)[0] <= 2e-3
+    assert found.statistics["measured_error_of_positions"] <= 1e-3

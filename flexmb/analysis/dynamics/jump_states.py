@@ -37,19 +37,19 @@ class JumpStates:
 
     Attributes
     ----------
-    table : (n, 4 + nq + 3 nv + nc + history + ends) array
+    table : (n, 4 + nq + 3 nv + nc + history + channels + ends) array
         Times just before and after each jump, largest step after it [s], positions and velocities;
         NaN: not reached yet, or no jump. The first row is the start. Rows of events follow those of
         jumps; they also have the next step [s], velocities some steps later, accelerations,
-        multipliers and the history of elements. At the end of all rows are the ends of some steps
-        of the scout [s]. Saved with the run.
+        multipliers and the history of elements. At the end of all rows are the angles of sensors,
+        which count turns, and the ends of some steps of the scout [s]. Saved with the run.
     """
 
     def __init__(self, compiled: Compiled, settings: method.Settings, times: Array) -> None:
         self._times = times
         nq, nv, nc = (getattr(compiled.layout, name) for name in ("nq", "nv", "nc"))
         behind = [1, nv, nv, nc, compiled.system.history] if compiled.system.events else [0] * 5
-        sizes = [3, nq, nv, *behind, _STORED_STEPS]
+        sizes = [3, nq, nv, *behind, len(compiled.layout.channels), _STORED_STEPS]
         self._columns = [slice(b - n, b) for n, b in zip(sizes, np.cumsum(sizes), strict=True)]
         self._of_jumps = self._columns[2].stop
         rows = MAX_JUMPS + (_MAX_EVENTS if compiled.system.events else 0)
@@ -80,8 +80,8 @@ class JumpStates:
 
     def put(self, k: int, state: State) -> None:
         """Set a state to the one just before jump k, or to the one after event k."""
-        row, (_, q, v, step, _, vd, lam, history, _) = self.table[k], self._columns
-        state.t[0], state.q[:], state.v[:] = row[0], row[q], row[v]
+        row, (_, q, v, step, _, vd, lam, history, angles, _) = self.table[k], self._columns
+        state.t[0], state.q[:], state.v[:], state.angles[:] = row[0], row[q], row[v], row[angles]
         if k >= MAX_JUMPS:
             for array in (state.vd, state.vd_before, state.aa):
                 array[:] = row[vd]
@@ -151,6 +151,7 @@ class JumpStates:
             if rows.t[at[k]] == self.table[k, 0]:
                 both = np.concatenate([rows.q[at[k]], rows.v[at[k]]])
                 self.table[k, 3 : self._of_jumps] = both
+                self.table[k, self._columns[-2]] = rows.sensors[at[k]]
 
     def begins_before(self, time: float) -> bool:
         """Whether a time [s] is at a jump or within the largest step after it."""

@@ -2,8 +2,8 @@
 
 An event turns the velocity that a vibration has at that time into lasting motion: a clutch that
 lets go leaves both sides the speeds of that instant. The run has lost the vibration, and so has its
-scout. So it is followed from one event or jump to the next, and where it may count most, the rest
-of the run is repeated with it and without it, by the same steps.
+scout. So it is followed from one event or jump to the next, the earliest first. Where it may count
+most, the rest of the run is repeated with it and without it, by the same steps.
 """
 
 from __future__ import annotations
@@ -27,15 +27,17 @@ from flexmb.errors import FlexmbError
 from flexmb.results.output_block import OutputBlock
 
 # Least displacement by a lost velocity until the end of the run, over the requested accuracy, for
-# which the rest is repeated.
+# which the rest is repeated; it also exceeds the measured error.
 _LEAST_MOTION = 0.1
 # Least accuracy for which it is measured: of a mass shaken against dry friction, what its bristle
 # does at events makes 1e-8 of the motion, whatever the steps.
 _LEAST_ACCURACY = 5e-7
 # Local tolerance up to an event, over that of the run, and over the accuracy: a vibration whose
 # velocity v counts moves by v/ω, ω being its frequency. Largest numbers of steps, over those of
-# the run, and in all.
-_TOLERANCE_RATIO, _AMPLITUDE_SHARE, _STEPS_RATIO, _MAX_STEPS = 0.1, 1e-4, 10, 10000
+# the run, and in all. After so many intervals in a row that lose no more (two kinds alternate, as
+# of a clutch that grips and lets go) others are followed up to a share of its steps.
+_TOLERANCE_RATIO, _AMPLITUDE_SHARE, _STEPS_RATIO, _MAX_STEPS = 0.1, 1e-4, 5, 10000
+_MAX_IDLE, _IDLE_SHARE = 4, 0.2
 # Step that crosses the event, and least lost displacement by the lost velocity (less is no
 # vibration, but the place of the event), over the longest step of the run.
 _CROSSING_SHARE, _LEAST_PERIOD = 1e-3, 1e-4
@@ -43,32 +45,35 @@ _CROSSING_SHARE, _LEAST_PERIOD = 1e-3, 1e-4
 
 def measure_lasting_motion(
     run: Integration, settings: method.Settings, first: State, jumps: JumpStates,
-    error: VibrationError,
+    error: VibrationError, least: float,
 ) -> None:  # fmt: skip
     """Add the motion that events make of vibrations which the steps damp to the measured error.
 
-    Parameters as of `measure_damped_vibrations`.
+    Parameters as of `measure_damped_vibrations`, but `least` is the measured error of positions.
     """
     order = sorted([*jumps.passed(), *jumps.events()[0]], key=lambda k: float(jumps.table[k, 0]))
     if settings.static_after_step == 1 or settings.accuracy < _LEAST_ACCURACY:
         return
     span, scales = settings.end - jumps.table[:, 0], run.state.q_scale
     longest = float(run.state.memory[0]["largest_step"])
-    left = min(_STEPS_RATIO * int(run.state.count[0]["steps"]), _MAX_STEPS)
-    largest, worst = _LEAST_MOTION * settings.accuracy, None
-    for begin, k in sorted(pairwise(order), key=lambda pair: float(span[pair[1]] - span[pair[0]])):
+    steps, spent, idle = int(run.state.count[0]["steps"]), 0, 0
+    most = min(_STEPS_RATIO * steps, _MAX_STEPS)
+    largest, worst = max(least, _LEAST_MOTION * settings.accuracy), None
+    for begin, k in pairwise(order):
         if span[begin] - span[k] < longest:
-            break  # the steps between are short
+            continue  # the steps between are short
+        if spent >= most or idle >= _MAX_IDLE and spent > _IDLE_SHARE * steps:
+            break
         fine, own = (state_at_jump(run, first, jumps, n) for n in (begin, k))
         before = int(fine.count[0]["steps"])
-        _follow(run, settings, fine, float(own.t[0]), left // 2)
-        left -= int(fine.count[0]["steps"]) - before
+        _follow(run, settings, fine, float(own.t[0]), most - spent)
+        spent += int(fine.count[0]["steps"]) - before
         lost, moved = np.abs(fine.v - own.v), np.abs(fine.q - own.q).max()
         lasting = float((lost * run.compiled.system.weights / scales).max() * span[k])
         vibrates = fine.t[0] == own.t[0] and moved > _LEAST_PERIOD * longest * lost.max()
+        idle += 1
         if vibrates and lasting > largest:
-            own.angles[:] = fine.angles
-            largest, worst = lasting, (begin, own, fine)
+            idle, largest, worst = 0, lasting, (begin, own, fine)
     if worst is not None:
         begin, own, fine = worst
         for rows in _rows_with_equal_steps(run, settings, own, fine, jumps):

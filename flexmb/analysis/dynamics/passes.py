@@ -284,7 +284,8 @@ def complete_measured_error(prepared: PreparedDynamics, progress: Progress) -> N
         own = verified.fine, prepared.settings, prepared.first, jumps, vibrations, least
         measure_damped_vibrations(*own)
         if stricter_tolerance(prepared) is None:
-            measure_lasting_motion(*own[:-1])
+            positions = verified.errors().get("positions")
+            measure_lasting_motion(*own[:-1], positions.error if positions else 0.0)
         if worst is not None and stricter_tolerance(prepared) is None:
             follow_vibrations(*own)
             follow_events(*own)
