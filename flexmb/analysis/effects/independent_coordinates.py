@@ -163,45 +163,59 @@ class CondensedMotions:
     def __init__(
         self, within: IndependentMotions, T: Array, follow: NDArray[np.bool_], span: float
     ) -> None:
-        self._within, axes = within, within.axes
-        K, load = T.T @ within.K @ T, within.load @ T
-        others = np.concatenate([K[:, follow][:, :, ~follow], -load[:, follow, None]], axis=2)
-        lead = -np.linalg.solve(K[:, follow][:, :, follow], others)
-        self.g = within.g + times(within.Z, lead[:, :, -1] @ T[:, follow].T)
-        lead = lead[:, :, :-1]
+        self._within, axes, n = within, within.axes, len(within.Z)
+        self._slow, self._follow = slow, fast = T[:, ~follow], T[:, follow]
+        lead = np.zeros((n, fast.shape[1], slow.shape[1]))
+        still = np.zeros((n, fast.shape[1]))
+        for part in blocks(n):
+            K, load = fast.T @ within.K[part], within.load[part] @ fast
+            others = np.concatenate([K @ slow, -load[:, :, None]], axis=2)
+            solution = -np.linalg.solve(K @ fast, others)
+            lead[part], still[part] = solution[:, :, :-1], solution[:, :, -1]
+        self.g = within.g + times(within.Z, still @ fast.T)
         if span == 0.0:
             once, rate = axes.pieces.rate(lead), axes.rate(self.g)
             twice, second = axes.pieces.rate(once), axes.rate(rate)
         else:
-            flat = axes.pieces.slow_rates(lead.reshape(len(lead), -1), span)
+            flat = axes.pieces.slow_rates(lead.reshape(n, -1), span)
             once, twice = (rate.reshape(lead.shape) for rate in flat)
             rate, second = axes.slow_rates(self.g, span)
-        W, Wd, Wdd = T[:, ~follow] + T[:, follow] @ lead, T[:, follow] @ once, T[:, follow] @ twice
-        self._W, Wt = (W, Wd, Wdd), W.transpose(0, 2, 1)
-        self.M = Wt @ (within.M @ W)
-        self.D = Wt @ (within.D @ W + 2.0 * (within.M @ Wd))
-        self.K = Wt @ (within.K @ W + within.D @ Wd + within.M @ Wdd)
-        both = self.K, self.M
-        if within.plain is not None:
-            both = Wt @ (within.plain[0] @ W), Wt @ (within.plain[1] @ W)
-        self._mean = both[0].mean(axis=0), both[1].mean(axis=0)
+        self._lead = lead, once, twice
         self._a0, self._a0d, load = offset(within, self.g, rate, second)
-        self.load = times(Wt, times(within.project, load))
+        load = times(within.project, load)
+        self.load = load @ slow + times(lead.transpose(0, 2, 1), load @ fast)
+        self.M, self.D, self.K = (np.zeros((n, *2 * slow.shape[1:])) for _ in range(3))
+        self._mean = np.zeros((2, *2 * slow.shape[1:]))
+        for part in blocks(n):
+            M, D, K = within.M[part], within.D[part], within.K[part]
+            W, Wd, Wdd = slow + fast @ lead[part], fast @ once[part], fast @ twice[part]
+            Wt = W.transpose(0, 2, 1)
+            self.M[part], self.D[part] = Wt @ (M @ W), Wt @ (D @ W + 2.0 * (M @ Wd))
+            self.K[part] = Wt @ (K @ W + D @ Wd + M @ Wdd)
+            both = self.K[part], self.M[part]
+            if within.plain is not None:
+                both = Wt @ (within.plain[0][part] @ W), Wt @ (within.plain[1][part] @ W)
+            self._mean += [X.sum(axis=0) / n for X in both]
 
     def modes(self, least: float) -> tuple[Array, Array]:
         """As `IndependentMotions.modes`."""
-        return mean_modes(*self._mean, least)
+        return mean_modes(self._mean[0], self._mean[1], least)
 
     def place(self, z: Array) -> Array:
         """As `IndependentMotions.place`."""
-        return self._within.place(self._W[0][0] @ z)
+        return self._within.place(self._slow @ z + self._follow @ (self._lead[0][0] @ z))
 
     def motion(self, z: Array, zd: Array, zdd: Array) -> Array:
         """δq, δv and δv̇ (3, n, nu)."""
-        W, Wd, Wdd = self._W
-        y, yd = times(W, z), times(W, zd) + times(Wd, z)
-        ydd = times(W, zdd) + 2.0 * times(Wd, zd) + times(Wdd, z)
-        return np.asarray(self._within.moved(y, yd, ydd) + [self.g, self._a0, self._a0d])
+        lead, once, twice = self._lead
+        follows = (
+            times(lead, z),
+            times(lead, zd) + times(once, z),
+            times(lead, zdd) + 2.0 * times(once, zd) + times(twice, z),
+        )
+        slow = (x @ self._slow.T for x in (z, zd, zdd))
+        ys = (x + y @ self._follow.T for x, y in zip(slow, follows, strict=True))
+        return np.asarray(self._within.moved(*ys) + [self.g, self._a0, self._a0d])
 
 
 def offset(

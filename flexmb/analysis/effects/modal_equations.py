@@ -58,7 +58,7 @@ class ModalEquations:
         T: Array,
     ) -> None:  # fmt: skip
         self._pieces, self.omega, self.T = pieces, omega, T
-        self.M, self.D, self.K = (T.T @ A @ T for A in (made.M, made.D, made.K))
+        self.M, self.D, self.K = (_transformed(A, T) for A in (made.M, made.D, made.K))
         self.load = made.load @ T
         self.quick = omega * np.median(np.diff(pieces.t)) > UNRESOLVED
 
@@ -115,6 +115,14 @@ class ModalEquations:
                 x[k + 1 :] = 0.0
                 return k + 1
         return len(x)
+
+
+def _transformed(A: Array, T: Array) -> Array:
+    """Tᵀ A T of each row."""
+    made = np.zeros((len(A), *2 * T.shape[1:]))
+    for part in blocks(len(A)):
+        made[part] = T.T @ (A[part] @ T)
+    return made
 
 
 def _loads(inverse: Array, load: Array, omega: Array) -> Array:
