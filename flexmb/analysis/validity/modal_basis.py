@@ -160,6 +160,7 @@ class ModalBasisMonitor:
         self._oscillators = [OmittedOscillators(one.body, drive) for one in self._bodies]
         most = max([1, *(len(one.omega) for one in self._oscillators)])
         self._vibration = np.full((n, most, 5), np.nan)  # state of the omitted modes
+        self._tensions = np.full((n, 3), np.nan)  # states of the mean tensions
         # Largest energy of each and its time: without acting back, and with, and since when.
         self._alone, self._acting = np.zeros((n, most, 2)), np.full((n, most, 3), np.inf)
         self._sensors = [
@@ -241,7 +242,7 @@ class ModalBasisMonitor:
         t, one, lacking = rows.t, self._bodies[k], self._bodies[k].lacking
         assert lacking is not None
         force = x @ lacking.force.T + lacking.load_forces(loads)
-        tension, oscillators = np.full(len(t), lacking.tension(rows).mean()), self._oscillators[k]
+        tension, oscillators = lacking.mean_tension(rows, self._tensions[k]), self._oscillators[k]
         state = self._vibration[k, : len(oscillators.omega)]
         beyond = oscillators.integrate(t, force, state, tension)
         energy = energies_of_vibrations(oscillators.omega, beyond)
