@@ -393,7 +393,8 @@ class FrequencyErrorMonitor:
         """Keep the largest change of each group of channels.
 
         Where they measure accelerations or forces, those of the vibrations count, -ω² δ, and not
-        more than those of the whole difference, in which slow motions have smaller ones.
+        more than those of the whole difference, in which slow motions have smaller ones. Nothing is
+        said of them where a body turns so fast that its axes show other frequencies.
         """
         by_place, by_rate, omega = *pose.seen, np.fmax(pose.omega, self._slowest)
         own, largest, number = pose.own, self._largest.copy(), self._body.copy()
@@ -410,6 +411,8 @@ class FrequencyErrorMonitor:
         change = amplitudes @ by_place.T + rates @ by_rate.T
         whole = -accelerations / omega**2 @ by_place.T + rates @ by_rate.T
         for k, (group, power) in enumerate(zip(self._groups, self._powers, strict=True)):
+            if power == 2 and own.is_turned(self._duration):
+                continue
             columns = group.columns
             sizes = np.linalg.norm(change[:, columns], axis=1)
             if power == 2:
