@@ -258,7 +258,7 @@ def reaction_amplitudes(equations: StateEquations, Cq: Array, lam: Array) -> Arr
                 own = slice(int(parts.bodies["iv"][body]), int(parts.bodies["iv"][body]) + 6)
                 J = equations.marker_motion(marker)[:, own]
                 change[n, side] = np.linalg.solve(J.T, Cq[mine][:, own].T @ lam[mine])
-    return change.reshape(-1, lam.shape[1])
+    return change.reshape(12 * len(change), lam.shape[1])
 
 
 class ChannelGroup(NamedTuple):
