@@ -35,12 +35,19 @@ from flexmb.engine.state_rows import store_row_history
 from flexmb.engine.tables import Kkt
 from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.flexbody.natural_modes import mean_motion
+from flexmb.model.model import Model
 from flexmb.results.output_block import OutputBlock
 
 Complex = NDArray[np.complex128]
 
 _STEP = 1e-5  # of motions of unit size, for differences of wrenches
 _SENSOR_STEP = 1e-4  # of a motion for differences of sensors, over the size of the model
+_LEAST_REACTION, _LEAST_RANGE = 1e-3, 1e-6  # range over the largest that is judged; of sensors
+_DERIVATIVES = {
+    **dict.fromkeys(("position", "distance", "stroke", "angle", "second_angle"), 0),
+    **dict.fromkeys(("velocity", "angular_velocity"), 1),
+    **dict.fromkeys(("acceleration", "angular_acceleration", "reaction"), 2),
+}
 # Factors cv and cp that make one term of S = M + cv D + cp K dominate all others, or negligible.
 # They are powers of two, so that nothing is rounded. Not zero, as feedback adds its terms only for
 # cv > 0.
@@ -220,6 +227,86 @@ def sensor_amplitudes(equations: StateEquations, omega: Array, X: Array, lam: Ar
             for name, value in zip(("q", "v", "vd", "lam", "angles"), base, strict=True):
                 getattr(state, name)[:] = value
     return change
+
+
+def multipliers_of(at: Tangents, forces: Array) -> Array:
+    """(nc, k) λ with M a + Cqᵀ λ = F, Cq a = 0: what holds the scene under forces F (nv, k).
+
+    What forces leave over accelerates it, so that light bodies get no more than their share.
+    """
+    mass = at.M.diagonal()
+    scale = 1.0 / np.sqrt(np.where(mass > 0.0, mass, max(mass.max(initial=0.0), 1e-300)))
+    C = at.Cq * scale
+    size = max(float(np.abs(C).max(initial=0.0)), 1e-300)
+    A = np.block([[scale[:, None] * at.M * scale, C.T / size], [C / size, np.zeros((len(C),) * 2)]])
+    right = np.vstack([scale[:, None] * forces, np.zeros((len(C), forces.shape[1]))])
+    return np.asarray(np.linalg.lstsq(A, right, rcond=None)[0][len(mass) :] / size)
+
+
+def reaction_amplitudes(equations: StateEquations, Cq: Array, lam: Array) -> Array:
+    """(12 n, k) changes of reactions by multipliers (nc, k), as of the table of a run, in global
+    axes."""
+    layout, rows = equations.compiled.layout, equations.compiled.system.rows
+    parts = equations.compiled.system.parts
+    change = np.zeros((len(layout.reactions), 2, 6, lam.shape[1]))
+    for n, owner in enumerate(layout.reactions):
+        mine = [k for k, name in enumerate(layout.rows) if name.startswith(f"{owner}: ")]
+        for side, word in enumerate("JI") if mine else ():
+            marker = int(rows[word][mine[0]])
+            body = int(parts.markers["body"][marker])
+            if body >= 0 and not change[n].any():
+                own = slice(int(parts.bodies["iv"][body]), int(parts.bodies["iv"][body]) + 6)
+                J = equations.marker_motion(marker)[:, own]
+                change[n, side] = np.linalg.solve(J.T, Cq[mine][:, own].T @ lam[mine])
+    return change.reshape(12 * len(change), lam.shape[1])
+
+
+class ChannelGroup(NamedTuple):
+    """Columns of sensors, followed by reactions, that are one quantity."""
+
+    name: str
+    unit: str
+    columns: list[int]
+    derivatives: int  # of the motion that it measures: 2 for forces; -1: other quantities
+
+    @property
+    def is_sensor(self) -> bool:
+        """Whether it is a sensor, not a reaction."""
+        return self.name.startswith("sensors.")
+
+
+def channel_groups(compiled: Compiled, model: Model, n: int) -> Iterator[ChannelGroup]:
+    """Of each sensor, and of each reaction if the n columns have reactions."""
+    channels, reactions = compiled.layout.channels, compiled.layout.reactions
+    for name in model.sensors:
+        own = [k for k, one in enumerate(channels) if one.partition(".")[0] == name]
+        unit, spec = model.channel_unit(channels[own[0]]) or "", model.sensors[name]
+        power = _DERIVATIVES.get(spec.type, -1)
+        power += getattr(spec, "derivative", 0) if power >= 0 else 0
+        yield ChannelGroup(f"sensors.{name}", unit, own, power)
+    for k, name in enumerate(reactions if n > len(channels) else ()):
+        for side, (what, unit) in product((0, 6), (("force", "N"), ("moment", "N m"))):
+            at = len(channels) + 12 * k + side + 3 * (what == "moment")
+            yield ChannelGroup(f"the {what} of {name}", unit, [at, at + 1, at + 2], 2)
+
+
+def by_unit(
+    groups: list[ChannelGroup], force: float, moment: float, turn: float, way: float
+) -> Array:
+    """(groups,) one of the values each."""
+    values = {"N": force, "N m": moment}
+    others = (turn if one.unit.startswith("rad") else way for one in groups)
+    pairs = zip(groups, others, strict=True)
+    return np.array([values.get(one.unit, other) for one, other in pairs])
+
+
+def which_move(groups: list[ChannelGroup], ranges: Array) -> NDArray[np.bool_]:
+    """Whether the range of each group is more than round-off beside others of its unit."""
+    largest = dict[str, float]()
+    for one, size in zip(groups, ranges, strict=True):
+        largest[one.unit] = max(largest.get(one.unit, 0.0), float(size))
+    least = [_LEAST_RANGE if one.is_sensor else _LEAST_REACTION for one in groups]
+    return np.asarray(ranges > np.array(least) * [largest[one.unit] for one in groups])
 
 
 def _turning_bodies(compiled: Compiled) -> Iterator[tuple[slice, int, Array, Array]]:

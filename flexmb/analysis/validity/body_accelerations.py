@@ -27,7 +27,7 @@ from flexmb.analysis.linear.state_equations import StateEquations, sensor_amplit
 from flexmb.analysis.validity.linear_elasticity import JoinedFrame, in_body_axes
 from flexmb.engine.allocation import new_state
 from flexmb.engine.compile import Compiled
-from flexmb.engine.tables import BodyColumns
+from flexmb.engine.tables import BodyColumns, Layout
 from flexmb.flexbody import FlexBody, InertiaResponse
 from flexmb.flexbody.arrays import Array, skew
 from flexmb.results.output_block import OutputBlock
@@ -36,7 +36,11 @@ from flexmb.units import UnitSystem
 Complex = NDArray[np.complex128]
 
 _ARMS = np.cross(np.eye(3)[:, None], np.eye(3))  # [i, c, a]: (e_i × s)_a = Σ_c [i, c, a] s_c
+OMITTED_DAMPING = 0.01  # damping ratio of modes that are left out, which forget the start of a run
+MAX_PHASE_STEP = 1.0  # phase of a mode between two rows [rad] up to which rows show its excitation
+_MAX_EXPONENT = 50.0  # largest exponent of e within one sum
 _LAST_TERM = 1e-12  # of the series of a rotation
+_MEMORY = 3.0  # rate at which a mean of tensions forgets, over the first frequency of a pinned bar
 _NO_MASS = 1e-13  # of a motion, over those of unit mass, that is round-off
 
 
@@ -147,6 +151,15 @@ class BodyAccelerations:
         iq, iv = self.columns.iq, self.columns.iv
         a = in_body_axes(rows.q[:, iq + 3 : iq + 7], rows.vd[:, iv : iv + 3] - self._gravity)
         return a, rows.vd[:, iv + 3 : iv + 6], rows.v[:, iv + 3 : iv + 6]
+
+
+def velocities_in_body_axes(layout: Layout, rows: OutputBlock) -> Array:
+    """(t, nv) velocities, translations of bodies in their axes as well."""
+    v = rows.v.copy()
+    for one in layout.bodies:
+        p = rows.q[:, one.iq + 3 : one.iq + 7]
+        v[:, one.iv : one.iv + 3] = in_body_axes(p, v[:, one.iv : one.iv + 3])
+    return v
 
 
 def _products_of_motions(body: FlexBody) -> Array:
@@ -266,6 +279,22 @@ class LackingBody:
         eta = rows.q[:, first : first + self.columns.m]
         return np.asarray((eta @ self.tightening[0]).clip(0.0))
 
+    def mean_tension(self, rows: OutputBlock, state: Array) -> Array:
+        """(t,) mean c up to each row, over the slowest vibration of a pinned bar.
+
+        `state` (3,) is the time of the row before, NaN if there is none, and the sums of c and of
+        its weights up to it; it is updated.
+        """
+        now, first = self.tension(rows), self.tightening[1]
+        last, total, weights = state if np.isfinite(state[0]) else (rows.t[0], 0.0, 0.0)
+        means = np.empty_like(now)
+        for k, h in enumerate(np.diff(np.append(last, rows.t))):
+            left = np.exp(-_MEMORY * first * h)
+            total, weights = left * total + now[k], left * weights + 1.0
+            means[k] = total / weights
+        state[:] = rows.t[-1], total, weights
+        return means
+
     def omega_squares(self, tension: Array) -> Array:
         """(t, o) squares of the frequencies of modes that are left out, with tension c (t,)."""
         return np.asarray(self.omega**2 + tension[:, None] * self.omega)
@@ -339,3 +368,63 @@ class LackingBody:
         none = np.zeros((compiled.layout.nc, 1))
         both = sensor_amplitudes(equations, self.omega[[mode]], X, none)[..., 0]
         return np.asarray(np.linalg.norm(both, axis=0))
+
+
+class OmittedOscillators:
+    """The omitted modes of a body as oscillators, ÿ + 2ζω ẏ + ω² y = force."""
+
+    def __init__(self, body: FlexBody, drive: float) -> None:
+        omitted = body.omitted_modes
+        self.omega = np.zeros(0) if omitted is None else 2.0 * np.pi * omitted.frequency
+        ratio = 2.0 * np.pi * drive / self.omega
+        self._gain = ratio**2 / np.hypot(1.0 - ratio**2, 2.0 * OMITTED_DAMPING * ratio)
+
+    def integrate(self, t: Array, force: Array, state: Array, tension: Array) -> Array:
+        """(t, o) response beyond force/ω², exact for forces that are linear between rows.
+
+        With x that response, z = ẋ + ζωx + iω_d x decays exponentially, and each kink of the force
+        is an impulse on it. If rows are too far apart to show the excitation of a mode, the force
+        is taken as an oscillation with the frequency of the drivers and loads of the scene.
+
+        Parameters
+        ----------
+        t : (t,) array
+            Times [s].
+        force : (t, o) array
+            Modal forces at these times.
+        state : (o, 5) array
+            z (two numbers), the slope of the static response, this and the time of the row before;
+            updated. NaN: no row yet.
+        tension : (t,) array
+            c by which tension raises ω² to ω² + c ω (`LackingBody.tightening`) [rad/s].
+        """
+        beyond = np.zeros((len(t), len(self.omega)))
+        for k, omega in enumerate(self.omega):
+            begins = np.isnan(state[k, 4])
+            rates = np.sqrt(omega**2 + tension * omega)
+            follow = force[:, k] / rates**2
+            time = t if begins else np.append(state[k, 4], t)
+            follow = follow if begins else np.append(state[k, 3], follow)
+            w, h = rates[1:] if begins else rates, np.diff(time)
+            decay = w * complex(-OMITTED_DAMPING, np.sqrt(1.0 - OMITTED_DAMPING**2))
+            slopes = np.diff(follow) / np.maximum(h, 1e-300)
+            slopes = np.append(slopes[:1] if np.isnan(state[k, 2]) else state[k, 2], slopes)
+            kicks = np.where(h > 0.0, -np.diff(slopes), 0.0)
+            z = np.empty(len(time), complex)
+            z[0] = 0.0 if begins else complex(*state[k, :2])
+            turns = np.append(0.0, np.cumsum(decay * h))
+            most = OMITTED_DAMPING * (w * h).max(initial=0.0)
+            block = max(1, int(_MAX_EXPONENT / max(most, 1e-300)))
+            for first in range(0, len(h), block):
+                part = slice(first, first + block)
+                since = turns[first : first + 1 + block] - turns[first]
+                z[first + 1 : first + 1 + block] = np.exp(since[1:]) * (
+                    z[first] + np.cumsum(kicks[part] * np.exp(-since[:-1]))
+                )
+            resolved = np.append(np.ones(int(begins)), w * h < MAX_PHASE_STEP) > 0.0
+            swing = np.abs(follow - follow.mean())[-len(t) :] * self._gain[k]
+            ends = z.imag[-len(t) :] / (rates * np.sqrt(1.0 - OMITTED_DAMPING**2))
+            beyond[:, k] = np.where(resolved, ends, swing)
+            slope = slopes[-1] if len(h) else np.nan
+            state[k] = z[-1].real, z[-1].imag, slope, follow[-1], time[-1]
+        return beyond

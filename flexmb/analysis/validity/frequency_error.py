@@ -25,6 +25,10 @@ are left out too.
 An undamped vibration is δ = ∫ cos ω(t − s) dS(s), so that the total variation of S, in norms of the
 mass matrices of the bodies, is a bound of δ whatever the frequencies, poses and joints. While it is
 too small to matter at any marker, nothing else is computed.
+
+What impacts make of S is larger than what the run vibrates with. A vibration of the run differs by
+its phase, the drift of its frequency times time less what damping forgets, times its amplitude, and
+by twice that at most: no more is counted (`PoseVibrations.phase_limits`).
 """
 
 from __future__ import annotations
@@ -32,7 +36,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,49 +44,51 @@ from scipy.linalg import eigh
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, one_blas_thread
 from flexmb.analysis.assembly.mechanism_modes import mobilities
 from flexmb.analysis.linear.observer import MinimalEquations, RowsAlongMotion, body_axes
-from flexmb.analysis.linear.state_equations import StateEquations
+from flexmb.analysis.linear.state_equations import (
+    StateEquations,
+    Tangents,
+    by_unit,
+    channel_groups,
+    multipliers_of,
+    reaction_amplitudes,
+    sensor_amplitudes,
+    which_move,
+)
 from flexmb.analysis.monitors import Indicator
-from flexmb.analysis.validity.body_accelerations import LackingBody
+from flexmb.analysis.validity.body_accelerations import (
+    MAX_PHASE_STEP,
+    LackingBody,
+    velocities_in_body_axes,
+)
 from flexmb.analysis.validity.linear_elasticity import flexible_columns
 from flexmb.analysis.validity.modal_basis import ModalBasisMonitor
 from flexmb.analysis.validity.pose_vibrations import (
-    MAX_PHASE_STEP,
     RESOLVED,
     PoseVibrations,
     energies_of_vibrations,
+    relative_rotations,
+    rotations_of,
 )
 from flexmb.engine.allocation import new_state
 from flexmb.engine.bodies.static_modes import static_coordinates
 from flexmb.engine.compile import Compiled
 from flexmb.flexbody.arrays import Array
 from flexmb.model.model import Model
-from flexmb.model.reading import GROUND
 from flexmb.results.output_block import OutputBlock
 from flexmb.units import percent
 
 #: Change of a position sensor over its range from which a run says so.
 LARGEST_CHANGE = 0.01
-_ANGLES = ("angle", "second_angle")
-_KINDS = ("position", "distance", "stroke", *_ANGLES)  # sensors that are judged
 _NEAR = 0.4  # rotation between two bodies [rad], or speed over frequency, of another pose
 _MOST_POSES = 24
 _EXACT_POSES = 3  # with exact frequencies, after which no others are computed
 _SMALL_CHANGE = 0.5 * LARGEST_CHANGE  # below which the bound of a change needs no further look
 _MOST_TURN = 2.0 * np.pi  # of a body between two rows [rad]: what it lacks is not known beyond
-_STEP = 1e-4  # of a motion for differences of sensors, over the size of the model
-_LEAST_RANGE = 1e-7  # range of a sensor, over the size of the model, that is a motion
-_MEMORY = 3.0  # rate at which a mean of tensions forgets, over the first frequency of a pinned bar
-
-
-class _Slopes(NamedTuple):
-    """Rates of forces in steps between rows, in body axes of the rows before and after them."""
-
-    before: Array  # (t, forces)
-    after: Array
+_LEAST_RANGE = 1e-7  # range of a channel, by the size of the model and the run, that is a motion
 
 
 class FrequencyErrorMonitor:
-    """Estimates what errors of natural frequencies change at the position sensors of a run.
+    """Estimates what errors of natural frequencies change at sensors and reactions of a run.
 
     Parameters
     ----------
@@ -105,43 +110,51 @@ class FrequencyErrorMonitor:
         self._bodies = [one for one in every if one is not None]
         self._places = [k for k, one in enumerate(every) if one is not None]  # in the basis
         self._numbers = [compiled.layout.bodies.index(one.columns) for one in self._bodies]
-        channels = compiled.layout.channels
-        self._sensors = {
-            name: [k for k, one in enumerate(channels) if one.partition(".")[0] == name]
-            for name, spec in model.sensors.items()
-            if spec.type in _KINDS and not getattr(spec, "derivative", 0)
-        }
+        self._n = len(compiled.layout.channels) + 12 * len(compiled.layout.reactions)
+        groups = channel_groups(compiled, model, self._n) if self._bodies else ()
+        self._groups = [one for one in groups if one.derivatives >= 0]
+        self._powers = np.array([one.derivatives for one in self._groups], np.int64)
         self._poses: list[tuple[Array, PoseVibrations]] = []
         self._equations: StateEquations | None = None
         self._reach: tuple[Array, list[Array]] | None = None
         self._variation, self._counts = np.zeros(1), np.zeros(1, bool)
-        self._joined = _relative_rotations(compiled, model)
+        self._joined = relative_rotations(compiled, model)
         n_o, nv = sum(len(one.omega) for one in self._bodies), compiled.layout.nv
         self._duration = model.dynamics.duration if model.dynamics else 0.0
-        # Sums of tensions and of their weights so far; means up to each of the rows at hand.
-        self._sums, self._tension = np.zeros((len(self._bodies), 2)), np.zeros((0, 0))
+        self._mass, size = float(compiled.system.parts.bodies["mass"].sum()), compiled.length
+        self._slowest = 1.0 / (self._duration or np.inf)
+        sizes = by_unit(self._groups, self._mass * size, self._mass * size**2, 1.0, size)
+        self._least_ranges = _LEAST_RANGE * sizes * (2.0 * np.pi * self._slowest) ** self._powers
+        # States of the mean tensions; means up to each of the rows at hand.
+        self._tensions, self._tension = np.full((len(self._bodies), 3), np.nan), np.zeros((0, 0))
         self._tightest = np.zeros(len(self._bodies))  # largest mean tension so far
         self._interval = np.zeros(1)  # between rows, s
         self._since = np.full(1, np.inf)  # when the integration began
         self._row = np.zeros((0, 1))  # time and forces of the last row, and their last rate
+        self._limits, self._limited = np.zeros((2, 0)), np.array(-1)  # of vibrations; their pose
         self._state = np.zeros(2 * (nv + n_o))  # difference of the motion, body axes; of y; rates
         self._least, self._most = np.array(np.inf), np.array(-np.inf)  # range of all channels
-        self._largest = np.zeros((4, len(self._sensors)))  # change; time; mode: frequency, shift
-        self._body = np.zeros(len(self._sensors), np.int64)  # that has the largest share in it
+        self._largest = np.zeros((4, len(self._groups)))  # change; time; mode: frequency, shift
+        self._body = np.zeros(len(self._groups), np.int64)  # that has the largest share in it
 
     @one_blas_thread()
     def add(self, rows: OutputBlock) -> None:
         """Add the next rows."""
-        if not self._bodies or not self._sensors or not len(rows.t):
+        if not self._bodies or not self._groups or not len(rows.t):
             return
-        self._least = np.minimum(self._least, rows.sensors.min(axis=0))
-        self._most = np.maximum(self._most, rows.sensors.max(axis=0))
-        self._tension = self._mean_tension(rows)
+        values = np.zeros((len(rows.t), self._n))  # an audit's rows have no reactions
+        values[:, : rows.sensors.shape[1]] = rows.sensors
+        values[:, self._n - rows.reactions.shape[1] :] = rows.reactions
+        self._least = np.minimum(self._least, values.min(axis=0))
+        self._most = np.maximum(self._most, values.max(axis=0))
+        pairs = zip(self._bodies, self._tensions, strict=True)
+        self._tension = np.array([one.mean_tension(rows, state) for one, state in pairs])
         table = self._table(rows)
         if not len(self._row):  # modes that are left out begin at rest if the others do
             at_rest = all(not rows.v[0, one.part][6:].any() for one in self._bodies)
             rates = np.full(table.shape[1], 0.0 if at_rest else np.nan)
             self._row = np.vstack([table[0], rates])
+        motions = velocities_in_body_axes(self._compiled.layout, rows)
         every = np.vstack([self._row[0], table])
         h = np.diff(every[:, 0])
         if not self._interval[0]:
@@ -149,28 +162,17 @@ class FrequencyErrorMonitor:
                 return
             self._interval = np.array([np.median(h[h > 0.0])])
         slopes = self._slopes(every, h)
-        self._counts |= self._may_count(slopes.after * h[:, None])
+        self._counts |= self._may_count(slopes[1] * h[:, None])
         if not self._counts[0]:
             self._rest(table[-1])
             return
         near = self._near(rows)
         for part in np.split(np.arange(len(near)), np.flatnonzero(np.diff(near)) + 1):
             at = slice(part[0], part[-1] + 1)
-            pose = self._poses[near[part[0]]][1]
-            self._integrate(pose, rows.t[at], h[at], _Slopes(*(x[at] for x in slopes)), table[at])
-
-    def _mean_tension(self, rows: OutputBlock) -> Array:
-        """(bodies, t) mean tension up to each row, over the slowest vibration of a bar."""
-        now = np.array([one.tension(rows) for one in self._bodies])
-        first = np.array([one.tightening[1] for one in self._bodies])
-        last = self._row[0, 0] if len(self._row) else rows.t[0]
-        means, sums = np.empty_like(now), self._sums
-        for k, h in enumerate(np.diff(np.append(last, rows.t))):
-            values = np.column_stack([now[:, k], np.ones(len(now))])
-            sums = np.exp(-_MEMORY * first * h)[:, None] * sums + values
-            means[:, k] = sums[:, 0] / sums[:, 1]
-        self._sums = sums
-        return means
+            self._integrate(
+                near[part[0]], rows.t[at], h[at], (slopes[0][at], slopes[1][at]), table[at],
+                motions[at],
+            )  # fmt: skip
 
     def _table(self, rows: OutputBlock) -> Array:
         """(t, columns) time; forces: S of each body, in body axes, then y of its modes;
@@ -185,8 +187,8 @@ class FrequencyErrorMonitor:
         turns = [one.accelerations.omega(rows) for one in self._bodies]
         return np.column_stack([rows.t, *parts, *modes, *turns])
 
-    def _slopes(self, every: Array, h: Array) -> _Slopes:
-        """Of the forces in the steps h between rows of the table."""
+    def _slopes(self, every: Array, h: Array) -> tuple[Array, Array]:
+        """Rates (t, forces) in the steps h between rows, in body axes before and after them."""
         first, turns = 0, every.shape[1] - 3 * len(self._bodies)
         forces = every[:, 1:turns]
         after = np.diff(forces, axis=0)
@@ -202,7 +204,7 @@ class FrequencyErrorMonitor:
             before[:, own] = turn(after[:, own], -angle)
             first = own.stop
         steps = np.maximum(h, 1e-300)[:, None]
-        return _Slopes(before / steps, after / steps)
+        return before / steps, after / steps
 
     def _may_count(self, steps: Array) -> bool:
         """Whether the variation of the forces so far may change a sensor by what counts."""
@@ -213,15 +215,18 @@ class FrequencyErrorMonitor:
             squares += ((steps[:, own] @ roots[number]) ** 2).sum(axis=1)
             first = own.stop
         self._variation += np.sqrt(squares).sum()
-        turns = [int(self._model.sensors[name].type in _ANGLES) for name in self._sensors]
-        changes = 2.0 * self._variation[0] * reach[turns]  # of both ends
-        return not bool(np.all(changes <= _SMALL_CHANGE * np.array(self._ranges())))
+        fastest = RESOLVED / self._interval[0]
+        force, size = float(np.sqrt(self._mass)), self._compiled.length
+        bounds = by_unit(self._groups, force, force * size, reach[1], reach[0])
+        changes = 2.0 * self._variation[0] * bounds * fastest**self._powers  # of both ends
+        return not bool(np.all(changes <= _SMALL_CHANGE * self._ranges()))
 
-    def _ranges(self) -> list[float]:
-        """Range of each sensor so far; infinite for one that does not move."""
+    def _ranges(self) -> Array:
+        """Range of each group so far; infinite for one that does not move."""
         ranges = self._most - self._least
-        sizes = [float(ranges[at].max()) for at in self._sensors.values()]
-        return [x if x > _LEAST_RANGE * self._compiled.length else np.inf for x in sizes]
+        sizes = np.array([ranges[one.columns].max() for one in self._groups])
+        moves = which_move(self._groups, sizes) & (sizes > self._least_ranges)
+        return np.where(moves, sizes, np.inf)
 
     def _near(self, rows: OutputBlock) -> NDArray[np.int64]:
         """(t,) number of the pose whose vibrations count for each row; new ones are computed."""
@@ -249,7 +254,7 @@ class FrequencyErrorMonitor:
         """(t, n) rotations between bodies; speeds of flexible ones over a frequency; tension."""
         A = {-1: np.broadcast_to(np.eye(3), (len(rows.t), 3, 3))}
         for k, body in enumerate(self._compiled.layout.bodies):
-            A[k] = _rotations(rows.q[:, body.iq + 3 : body.iq + 7])
+            A[k] = rotations_of(rows.q[:, body.iq + 3 : body.iq + 7])
         parts = [
             np.einsum("tij,tik->tjk", A[i], A[j]).reshape(len(rows.t), 9) / np.sqrt(2.0)
             for i, j in self._joined
@@ -293,7 +298,7 @@ class FrequencyErrorMonitor:
             axes[body.iv : body.iv + 3, body.iv : body.iv + 3] = A.T
         X, Xd = axes @ S @ N @ T, axes @ S @ Nd @ T
         project = T.T @ N.T @ of.at.M @ np.linalg.inv(axes @ S)
-        moved = self._seen(equations, S @ N @ T)
+        moved = self._seen(equations, tangents, S @ N @ T, omega)
         turns = [rows.v[k, one.part][3:6] for one in self._bodies]
         matrices = T.T @ D @ T, T.T @ K @ T
         times = float(self._interval[0]), self._duration
@@ -304,25 +309,22 @@ class FrequencyErrorMonitor:
         ]
         return PoseVibrations.of(bodies, motions, omega, matrices, moved, turns, times)
 
-    def _seen(self, equations: StateEquations, X: Array) -> Array:
-        """(channels, d) change of the sensors by motions X (nv, d)."""
-        state, q = equations.state, equations.state.q.copy()
-        size, made = self._compiled.length, np.zeros((len(state.angles), X.shape[1]))
-        for j, x in enumerate(X.T):
-            h = _STEP * size / max(np.abs(x * self._compiled.system.weights).max() * size, 1e-300)
-            values = []
-            for sign in (1.0, -1.0):
-                state.q[:] = equations.moved(q, sign * h * x)
-                values.append(equations.channels())
-            made[:, j] = (values[0] - values[1]) / (2.0 * h)
-        state.q[:] = q
-        return made
+    def _seen(self, equations: StateEquations, at: Tangents, X: Array, omega: Array) -> Array:
+        """(2, n, d) change of channels and reactions by motions X (nv, d), and by their rates."""
+        omega = np.fmax(omega, self._slowest)  # those of free motions by the run
+        lam = multipliers_of(at, at.M @ X * omega**2 - at.K @ X)
+        own = sensor_amplitudes(equations, omega, X, lam)
+        own[1] /= omega
+        reactions = reaction_amplitudes(equations, at.Cq, lam)
+        return np.concatenate([own, np.stack([reactions, 0.0 * reactions])], axis=1)
 
     def _integrate(
-        self, pose: PoseVibrations, t: Array, h: Array, slopes: _Slopes, table: Array
-    ) -> None:
+        self, number: int, t: Array, h: Array, slopes: tuple[Array, Array], table: Array,
+        motions: Array,
+    ) -> None:  # fmt: skip
         """Integrate over the next steps h to the times t, with the rows of the table there."""
-        nv, d = self._compiled.layout.nv, len(pose.seen[0])
+        pose = self._poses[number][1]
+        nv, d = self._compiled.layout.nv, len(pose.omega)
         if pose.is_exact(self._duration) or not len(pose.values):
             self._rest(table[-1])
             return
@@ -331,15 +333,16 @@ class FrequencyErrorMonitor:
         rates = pose.project @ (self._state[half : half + nv] - pose.shape_rates @ now)
         parts = now, self._state[nv:half], rates, self._state[half + nv :]
         z = pose.start @ np.concatenate(parts)
-        n_forces = slopes.after.shape[1]
+        n_forces = slopes[1].shape[1]
         last = None if np.isnan(self._row[1, 1]) else self._row[1, 1 : 1 + n_forces]
         amplitudes = np.zeros((len(h) + 1, len(pose.values)), complex)
-        amplitudes[0] = z
+        amplitudes[0], kicks = z, np.zeros((len(h), len(z)), complex)
         for k in range(len(h)):
             if h[k] > 0.0:
-                z = z if last is None else z + pose.kick @ (slopes.before[k] - last)
-                last = slopes.after[k]
-            z = np.exp(pose.values * h[k]) * z
+                if last is not None:
+                    kicks[k] = pose.kick @ (slopes[0][k] - last)
+                last = slopes[1][k]
+            z = np.exp(pose.values * h[k]) * (z + kicks[k])
             amplitudes[k + 1] = z
         row = np.full(table.shape[1], np.nan)
         if last is not None:
@@ -349,7 +352,17 @@ class FrequencyErrorMonitor:
         n = states.shape[1] // 2
         times = np.append(t[0] - h[0], t)
         self._since = np.minimum(self._since, times[0])
-        self._update(pose, times, states[:, :d], states[:, n : n + d])
+        mean = (amplitudes[:-1] + 0.5 * kicks) * pose.values
+        mean += kicks / np.where(h > 0.0, h, np.inf)[:, None]
+        accelerations = (mean @ pose.vectors.T).real[:, n : n + d]
+        if self._limited < 0:
+            self._limits = np.zeros((2, 2 * d))
+        elif self._limited != number:
+            self._limits = pose.sizes_of(self._poses[self._limited][1], self._limits)
+        self._limited = np.array(number)
+        limits = pose.phase_limits(h, motions, self._limits)
+        both = states[:-1, :d], states[:-1, n : n + d]
+        self._update(pose, times[:-1], *both, accelerations, limits)
         self._act_back(times, states[:, d:n])
         end = states[-1]
         rates = pose.shapes @ end[n : n + d] + pose.shape_rates @ end[:d]
@@ -373,18 +386,41 @@ class FrequencyErrorMonitor:
             self._basis.act_back(k, energy, t, since)
             first += len(one.omega)
 
-    def _update(self, pose: PoseVibrations, t: Array, amplitudes: Array, rates: Array) -> None:
-        """Keep the largest change of each sensor."""
-        change, own = amplitudes @ pose.seen.T, pose.own
-        largest, number = self._largest.copy(), self._body.copy()
-        for k, columns in enumerate(self._sensors.values()):
+    def _update(
+        self, pose: PoseVibrations, t: Array, amplitudes: Array, rates: Array,
+        accelerations: Array, limits: Array,
+    ) -> None:  # fmt: skip
+        """Keep the largest change of each group of channels.
+
+        Where they measure accelerations or forces, those of the vibrations count, -ω² δ, and not
+        more than those of the whole difference, in which slow motions have smaller ones. Nothing is
+        said of them where a body turns so fast that its axes show other frequencies.
+        """
+        by_place, by_rate, omega = *pose.seen, np.fmax(pose.omega, self._slowest)
+        own, largest, number = pose.own, self._largest.copy(), self._body.copy()
+        some = np.flatnonzero(own.get_out_of_phase(self._duration))
+        shapes, inverse = own.shapes[:, some], own.inverse[some].T
+        turning = shapes * own.values[some]
+        parts = np.hstack([amplitudes, rates]) @ inverse
+        sizes = np.maximum(np.abs(parts), 1e-300)
+        excess = parts * (1.0 - np.minimum(1.0, limits[:, some] / sizes))
+        parts = parts - excess
+        amplitudes = amplitudes - (excess @ shapes.T).real
+        rates = rates - (excess @ turning.T).real
+        accelerations = accelerations - (excess @ (turning * own.values[some]).T).real
+        change = amplitudes @ by_place.T + rates @ by_rate.T
+        whole = -accelerations / omega**2 @ by_place.T + rates @ by_rate.T
+        for k, (group, power) in enumerate(zip(self._groups, self._powers, strict=True)):
+            if power == 2 and own.is_turned(self._duration):
+                continue
+            columns = group.columns
             sizes = np.linalg.norm(change[:, columns], axis=1)
+            if power == 2:
+                sizes = np.minimum(sizes, np.linalg.norm(whole[:, columns], axis=1))
             row = int(sizes.argmax())
             if sizes[row] > largest[0, k]:
-                some = np.flatnonzero(own.get_out_of_phase(self._duration))
-                parts = own.inverse[some] @ np.hstack([amplitudes, rates]).T
-                moved = np.linalg.norm(pose.seen[columns] @ own.shapes[:, some], axis=0)
-                j = some[np.argmax(np.abs(parts).max(axis=1) * moved)]
+                moved = by_place[columns] @ shapes + by_rate[columns] @ turning
+                j = some[np.argmax(np.abs(parts).max(axis=0) * np.linalg.norm(moved, axis=0))]
                 ratio = np.sqrt(1.0 + 2.0 * own.drift[j] / own.frequency[j])
                 hertz = own.frequency[j] / ratio / (2.0 * np.pi)
                 largest[:, k] = sizes[row], t[row], hertz, ratio - 1.0
@@ -392,47 +428,23 @@ class FrequencyErrorMonitor:
         self._largest, self._body = largest, number
 
     def indicators(self) -> Iterator[Indicator]:
-        """The largest change of a position sensor over its range, by the body that is its cause."""
-        if not self._bodies or not self._most.ndim:
+        """The largest change over its range, by the body that is its cause."""
+        if not self._bodies or not self._groups or not self._most.ndim:
             return
-        shares = [float(x) for x in self._largest[0] / self._ranges()]
+        shares = self._largest[0] / self._ranges()
         k = int(np.argmax(shares))
         _, t, hertz, shift = self._largest[:, k]
-        body, sensor = self._bodies[self._body[k]].columns.name, list(self._sensors)[k]
-        text = partial(self._sentence, body, sensor, shares[k], t, hertz, shift)
-        yield Indicator(body, "frequency", shares[k], t, LARGEST_CHANGE, text)
+        body, share = self._bodies[self._body[k]].columns.name, float(shares[k])
+        text = partial(self._sentence, body, self._groups[k].name, share, t, hertz, shift)
+        yield Indicator(body, "frequency", share, t, LARGEST_CHANGE, text)
 
     def _sentence(
-        self, body: str, sensor: str, share: float, t: float, hertz: float, shift: float
+        self, body: str, what: str, share: float, t: float, hertz: float, shift: float
     ) -> str:
         say = self._units.say
         return (
             f"bodies.{body}: for want of modes a natural frequency of the scene, "
-            f"{say(hertz, 'Hz', 3)}, is too high by {percent(shift)}, and the motion comes near "
-            f"it: sensors.{sensor} is off by about {percent(share)} of its range (t = "
-            f"{say(t, 's', 4)}); reduce the body with more modes"
+            f"{say(hertz, 'Hz', 3)}, is too high by {percent(shift)}, and the motion excites "
+            f"it: {what} is off by about {percent(share)} of its range (t = {say(t, 's', 4)}); "
+            "reduce the body with more modes"
         )
-
-
-def _relative_rotations(compiled: Compiled, model: Model) -> list[tuple[int, int]]:
-    """Pairs of bodies (-1: the ground) whose relative rotation changes the equations."""
-    numbers = {GROUND: -1, **{one.name: k for k, one in enumerate(compiled.layout.bodies)}}
-    pairs, on_ground = set(), list[int]()
-    for spec in (*model.joints.values(), *model.forces.values()):
-        ends = getattr(spec, "between", None) or ()
-        owners = [numbers.get(str(end).partition(".")[0], -1) for end in ends]
-        if len(owners) == 2 and owners[0] != owners[1]:
-            low, high = sorted(owners)
-            if low >= 0:
-                pairs.add((low, high))
-            else:
-                on_ground.append(high)
-    pairs |= {(-1, k) for k in on_ground if on_ground.count(k) > 1}
-    return sorted(pairs)
-
-
-def _rotations(p: Array) -> Array:
-    """(t, 3, 3) direction cosines of Euler parameters (t, 4)."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_quat(np.roll(p, -1, axis=1)).as_matrix())

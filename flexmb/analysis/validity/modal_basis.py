@@ -31,12 +31,15 @@ from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, n_free
 from flexmb.analysis.linear.linearization import Linearization
 from flexmb.analysis.monitors import Indicator
-from flexmb.analysis.validity.body_accelerations import BodyAccelerations, LackingBody
+from flexmb.analysis.validity.body_accelerations import (
+    BodyAccelerations,
+    LackingBody,
+    OmittedOscillators,
+)
 from flexmb.analysis.validity.linear_elasticity import (
     JoinedFrame,
     carrier_node,
@@ -49,7 +52,6 @@ from flexmb.analysis.validity.linear_elasticity import (
 )
 from flexmb.analysis.validity.load_factor import LARGEST_ERROR
 from flexmb.analysis.validity.pose_vibrations import (
-    OmittedOscillators,
     energies_of_vibrations,
     errors_at_nodes,
     most_of_vibrations,
@@ -62,7 +64,7 @@ from flexmb.engine.compiled_units import call, packed_record, prepare_units
 from flexmb.engine.stage_tables import units_of
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody import FlexBody, InertiaResponse, LoadResponse
-from flexmb.flexbody.arrays import Array
+from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.flexbody.static_response import LARGEST_SHARE, LEAST_MOTION
 from flexmb.model.excitation import (
     fastest_drives,
@@ -73,8 +75,6 @@ from flexmb.model.excitation import (
 from flexmb.model.model import Model
 from flexmb.results.output_block import OutputBlock
 from flexmb.units import percent
-
-Indices = NDArray[np.int64]
 
 # Successive rows in which the missing response must be as large: not a shock or vibration.
 _ROWS_IN_SUCCESSION = 3
@@ -99,8 +99,8 @@ class _MonitoredBody:
     period: float  # of its lowest natural frequency as joined, s
     lacking: LackingBody | None
     pulls: Array  # (o,) largest force at joined interfaces by each omitted mode
-    markers: Indices  # markers of the engine at which loads act on nodes
-    places: Indices  # first of six columns of each in `load_response`; -1: the node is not in it
+    markers: IntArray  # markers of the engine at which loads act on nodes
+    places: IntArray  # first of six columns of each in `load_response`; -1: the node is not in it
     least: float  # mass × square of the least displacement that counts, kg m^2
 
     @property
@@ -160,6 +160,7 @@ class ModalBasisMonitor:
         self._oscillators = [OmittedOscillators(one.body, drive) for one in self._bodies]
         most = max([1, *(len(one.omega) for one in self._oscillators)])
         self._vibration = np.full((n, most, 5), np.nan)  # state of the omitted modes
+        self._tensions = np.full((n, 3), np.nan)  # states of the mean tensions
         # Largest energy of each and its time: without acting back, and with, and since when.
         self._alone, self._acting = np.zeros((n, most, 2)), np.full((n, most, 3), np.inf)
         self._sensors = [
@@ -241,7 +242,7 @@ class ModalBasisMonitor:
         t, one, lacking = rows.t, self._bodies[k], self._bodies[k].lacking
         assert lacking is not None
         force = x @ lacking.force.T + lacking.load_forces(loads)
-        oscillators, tension = self._oscillators[k], float(lacking.tension(rows).mean())
+        tension, oscillators = lacking.mean_tension(rows, self._tensions[k]), self._oscillators[k]
         state = self._vibration[k, : len(oscillators.omega)]
         beyond = oscillators.integrate(t, force, state, tension)
         energy = energies_of_vibrations(oscillators.omega, beyond)
@@ -318,13 +319,11 @@ class ModalBasisMonitor:
         if not share or not self._sensors or not self._most.ndim:
             return None
         omega, moves = self._oscillators[k].omega[j], self._carried(k, j)
-        y, changes = np.sqrt(self._vibrations(k)[3]) / omega, list[float]()
+        y, changes = (np.sqrt(self._vibrations(k)[3]) / omega, list[float]())
         for columns, power, beside in self._sensors:
             size = float((self._most - self._least)[columns].max())
-            moved, still = (
-                y * moves[columns].max(),
-                _LEAST_RANGE * self._size * self._slowest**power,
-            )
+            moved = y * moves[columns].max()
+            still = _LEAST_RANGE * self._size * self._slowest**power
             if beside is None:
                 moved, still = y * one.pulls[j] * omega**2, still * one.body.mass
             elif one.name in beside:

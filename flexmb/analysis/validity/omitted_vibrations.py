@@ -21,7 +21,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from copy import copy
-from itertools import product
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -29,7 +28,13 @@ from scipy.linalg import block_diag
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, n_free
 from flexmb.analysis.assembly.mechanism_modes import MechanismModes
 from flexmb.analysis.functions_of_time import AT_ONCE, kinked_functions
-from flexmb.analysis.linear.state_equations import StateEquations, sensor_amplitudes
+from flexmb.analysis.linear.state_equations import (
+    StateEquations,
+    channel_groups,
+    reaction_amplitudes,
+    sensor_amplitudes,
+    which_move,
+)
 from flexmb.analysis.monitors import Indicator
 from flexmb.analysis.validity.pose_vibrations import RESOLVED
 from flexmb.engine.allocation import new_state
@@ -64,7 +69,6 @@ _SMALL = 1e-3  # response over the deformation below which sensors are not looke
 # run has it.
 _LEAST_SHARE, _MOST_SHARE = 1e-3, 0.9
 _LARGE = 0.1  # amplitude over the largest of a vibration whose frequency is told
-_LEAST_REACTION, _LEAST_RANGE = 1e-3, 1e-6  # range over the largest that is judged; of sensors
 
 
 class VibrationResponse:
@@ -255,27 +259,11 @@ class OmittedVibrationMonitor:
         Cq = equations.tangents().Cq
         lam = np.asarray(np.linalg.lstsq(Cq.T, forces, rcond=None)[0], np.float64)
         own = sensor_amplitudes(equations, omega, X, lam)
-        reactions = self._reaction_changes(equations, Cq, lam)
+        reactions = reaction_amplitudes(equations, Cq, lam)
         change = np.concatenate([own, np.stack([reactions, 0.0 * reactions])], axis=1)
         turn = X[self._modal].T @ self._K @ self._shapes / omega[:, None] ** 2
         change = change[:, : len(self._least)]  # an audit's rows have no reactions
         return np.asarray(np.linalg.norm(change @ turn / self._omega, axis=0))
-
-    def _reaction_changes(self, equations: StateEquations, Cq: Array, lam: Array) -> Array:
-        """(12 n, k) changes of reactions, as of the table of the run, in global axes."""
-        layout, rows = self._compiled.layout, self._compiled.system.rows
-        markers, bodies = self._compiled.system.parts.markers, self._compiled.system.parts.bodies
-        change = np.zeros((len(layout.reactions), 2, 6, lam.shape[1]))
-        for n, owner in enumerate(layout.reactions):
-            mine = [k for k, name in enumerate(layout.rows) if name.startswith(f"{owner}: ")]
-            for side, word in enumerate("JI") if mine else ():
-                marker = int(rows[word][mine[0]])
-                body = int(markers["body"][marker])
-                if body >= 0 and not change[n].any():
-                    own = slice(int(bodies["iv"][body]), int(bodies["iv"][body]) + 6)
-                    J = equations.marker_motion(marker)[:, own]
-                    change[n, side] = np.linalg.solve(J.T, Cq[mine][:, own].T @ lam[mine])
-        return change.reshape(-1, lam.shape[1])
 
     def _update_largest(self, missing: Array, time: float) -> None:
         part = min(int(_POSES * time / self._duration), _POSES - 1) if self._duration else 0
@@ -382,26 +370,11 @@ class OmittedVibrationMonitor:
             if amplitudes.any()
         )
         changes, ranges = np.sqrt(np.max(list(squares), axis=0)), self._most - self._least
-        channels, groups = self._compiled.layout.channels, list[tuple[str, str, list[int]]]()
-        for name in self._model.sensors:
-            own = [k for k, one in enumerate(channels) if one.partition(".")[0] == name]
-            groups.append(
-                (f"sensors.{name}", self._model.channel_unit(channels[own[0]]) or "", own)
-            )
-        reactions = self._compiled.layout.reactions if len(ranges) > len(channels) else ()
-        for n, name in enumerate(reactions):
-            for k, what in product((0, 6), ("force", "moment")):
-                at = len(channels) + 12 * n + k + 3 * (what == "moment")
-                groups.append((f"the {what} of {name}", what, [at, at + 1, at + 2]))
-        sizes = [
-            tuple(float(np.linalg.norm(x[own])) for x in (changes, ranges)) for *_, own in groups
-        ]
-        wide, largest = [max(2.0 * change, size) for change, size in sizes], dict[str, float]()
-        for (_, unit, _), size in zip(groups, wide, strict=True):
-            largest[unit] = max(largest.get(unit, 0.0), size)
-        worst = "", 0.0
-        for (name, unit, _), (change, _), size in zip(groups, sizes, wide, strict=True):
-            least = _LEAST_REACTION if name.startswith("the ") else _LEAST_RANGE
-            if size > least * largest[unit] and change > worst[1] * size:
-                worst = name, change / size
-        return worst
+        groups = list(channel_groups(self._compiled, self._model, len(ranges)))
+        change, wide = (
+            np.array([np.linalg.norm(x[one.columns]) for one in groups]) for x in (changes, ranges)
+        )
+        wide = np.maximum(2.0 * change, wide)
+        shares = np.where(which_move(groups, wide), change / np.maximum(wide, 1e-300), 0.0)
+        k = int(shares.argmax()) if groups else 0
+        return (groups[k].name, float(shares[k])) if shares.any() else ("", 0.0)

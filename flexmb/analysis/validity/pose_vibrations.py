@@ -27,10 +27,12 @@ from scipy.linalg import block_diag
 from flexmb.analysis.linear.linearization import Linearization, ModeSweep
 from flexmb.analysis.linear.observer import body_axes
 from flexmb.analysis.linear.state_equations import StateEquations, Tangents
-from flexmb.analysis.validity.body_accelerations import Complex, LackingBody
+from flexmb.analysis.validity.body_accelerations import OMITTED_DAMPING, Complex, LackingBody
+from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
-from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, IntArray, skew
+from flexmb.model.model import Model
+from flexmb.model.reading import GROUND
 
 RESOLVED = 2.0  # phase of a vibration between two rows [rad] up to which rows show it
 _LEAST_PHASE = 5e-3  # by which vibrations get out of phase within the run, that counts [rad]
@@ -39,9 +41,6 @@ _GROWTH = 0.02  # of a motion, over its frequency, from which it is unstable
 # Difference of a frequency in body axes from that in space, and drift over the largest, that count.
 _SAME_FREQUENCY, _SMALL_DRIFT = 0.05, 0.05
 _SAME_MODE = 0.01  # difference of frequencies of modes that are left out that are one, over them
-_DAMPING = 0.01  # damping ratio of modes that are left out, which forget the start of a run
-MAX_PHASE_STEP = 1.0  # phase of a mode between two rows [rad] up to which rows show its excitation
-_MAX_EXPONENT = 50.0  # largest exponent of e within one sum
 # Change of a frequency in a step from the terms of the run to all; numbers of steps.
 _STEP, _MIN_STEPS, _MAX_STEPS = 0.05, 4, 20
 # Stiffness by turning loads that is not symmetric, over all of them, from which on vibrations
@@ -51,63 +50,6 @@ _LEAST_MASS = 1e-9  # of a vibration with fields, over that without them
 # Share of a body in the change of a mode, over the largest, from which on it is its; that of one of
 # its terms from which on it is a cause.
 _OWN_SHARE, _SHARE_OF_CAUSE = 0.5, 0.1
-
-
-class OmittedOscillators:
-    """The omitted modes of a body as oscillators, ÿ + 2ζω ẏ + ω² y = force."""
-
-    def __init__(self, body: FlexBody, drive: float) -> None:
-        omitted = body.omitted_modes
-        self.omega = np.zeros(0) if omitted is None else 2.0 * np.pi * omitted.frequency
-        ratio = 2.0 * np.pi * drive / self.omega
-        self._gain = ratio**2 / np.hypot(1.0 - ratio**2, 2.0 * _DAMPING * ratio)
-
-    def integrate(self, t: Array, force: Array, state: Array, tension: float = 0.0) -> Array:
-        """(t, o) response beyond force/ω², exact for forces that are linear between rows.
-
-        With x that response, z = ẋ + ζωx + iω_d x decays exponentially, and each kink of the force
-        is an impulse on it. If rows are too far apart to show the excitation of a mode, the force
-        is taken as an oscillation with the frequency of the drivers and loads of the scene.
-
-        Parameters
-        ----------
-        t : (t,) array
-            Times [s].
-        force : (t, o) array
-            Modal forces at these times.
-        state : (o, 5) array
-            z (two numbers), the slope of the force, the force and the time of the row before;
-            updated. NaN: no row yet.
-        tension : float
-            c by which tension raises ω² to ω² + c ω (`LackingBody.tightening`) [rad/s].
-        """
-        beyond = np.zeros((len(t), len(self.omega)))
-        for k, w in enumerate(np.sqrt(self.omega**2 + tension * self.omega)):
-            decay = complex(-_DAMPING * w, w * np.sqrt(1.0 - _DAMPING**2))
-            begins = np.isnan(state[k, 4])
-            time = t if begins else np.append(state[k, 4], t)
-            follow = (force[:, k] if begins else np.append(state[k, 3], force[:, k])) / w**2
-            h = np.diff(time)
-            slopes = np.diff(follow) / np.maximum(h, 1e-300)
-            first_slope = slopes[:1] if np.isnan(state[k, 2]) else state[k, 2] / w**2
-            slopes = np.append(first_slope, slopes)
-            kicks = np.where(h > 0.0, -np.diff(slopes), 0.0)
-            z = np.empty(len(time), complex)
-            z[0] = 0.0 if begins else complex(*state[k, :2])
-            block = max(1, int(_MAX_EXPONENT / max(_DAMPING * w * h.max(initial=0.0), 1e-300)))
-            for first in range(0, len(h), block):
-                part = slice(first, first + block)
-                since = time[first + 1 : first + 1 + block] - time[first]
-                back = np.exp(-decay * (time[part][: len(since)] - time[first]))
-                z[first + 1 : first + 1 + block] = np.exp(decay * since) * (
-                    z[first] + np.cumsum(kicks[part] * back)
-                )
-            resolved = np.append(begins, w * h < MAX_PHASE_STEP)[-len(t) :]
-            swing = np.abs(follow - follow.mean())[-len(t) :] * self._gain[k]
-            beyond[:, k] = np.where(resolved, z.imag[-len(t) :] / decay.imag, swing)
-            slope = slopes[-1] if len(slopes) else np.nan
-            state[k] = z[-1].real, z[-1].imag, slope * w**2, follow[-1] * w**2, time[-1]
-        return beyond
 
 
 def energies_of_vibrations(omega: Array, y: Array) -> Array:
@@ -364,7 +306,8 @@ class PoseVibrations:
     vectors: Complex  # (2 (d + o), k)
     kick: Complex  # (k, forces) change by a change of the rate of S, and of y
     start: Complex  # (k, 2 (d + o)) from states
-    seen: Array  # (channels, d) change of the sensors
+    seen: Array  # (2, n, d) change of channels and reactions by amplitudes, and by rates
+    omega: Array  # (d,) frequencies of the modes of the run, rad/s
 
     @classmethod
     def of(
@@ -384,8 +327,8 @@ class PoseVibrations:
             Frequencies of these modes without damping and gyroscopic forces [rad/s].
         matrices : tuple of (d, d) arrays
             Damping, with gyroscopic forces, and stiffness.
-        seen : (channels, d) array
-            Change of the sensors.
+        seen : (2, n, d) array
+            Change of channels and reactions by amplitudes, and by rates.
         turns : sequence of (3,) arrays
             Angular velocity of each body, body axes [rad/s].
         times : tuple of float
@@ -409,18 +352,72 @@ class PoseVibrations:
             rest = sum(x.T @ one.rest @ x for one, x in zip(bodies, moved, strict=True))
             lowered = np.eye(d) + omega[:, None] * rest * omega
             inverse = np.linalg.inv(np.block([[lowered, -A.T], [-A, np.eye(len(w))]]))
-            D = block_diag(matrices[0], np.diag(2.0 * _DAMPING * w))
+            D = block_diag(matrices[0], np.diag(2.0 * OMITTED_DAMPING * w))
             K = block_diag(matrices[1], np.diag(w**2))
             values, vectors, start = _vibrations(inverse @ D, inverse @ K, unit)
             kick = start[:, n:] @ inverse @ block_diag(loads, -np.eye(len(w)))
         size = np.abs(values)
         there = (size * unit < RESOLVED) & (values.real < _GROWTH * size)
         there &= size * duration > 2.0 * np.pi * LEAST_CYCLES
-        return cls(*motions, own, values[there], vectors[:, there], kick[there], start[there], seen)
+        return cls(
+            *motions, own, values[there], vectors[:, there], kick[there], start[there], seen, omega
+        )
+
+    def phase_limits(self, h: Array, motions: Array, state: Array) -> Array:
+        """(t, k) what each vibration can differ by: its drift times time, twice its amplitude.
+
+        Parameters
+        ----------
+        h : (t,) array
+            Steps between rows [s].
+        motions : (t, nv) array
+            Velocities of the run after them, body axes.
+        state : (2, k) array
+            Sum of amplitudes times drifts, and largest amplitude, less what damping takes; updated.
+        """
+        own, d = self.own, len(self.omega)
+        sizes = 0.5 * np.pi * np.abs(motions @ self.project.T @ own.inverse[:, d:].T)
+        left = np.exp(np.outer(h, own.values.real.clip(max=0.0)))
+        limits = np.empty_like(sizes)
+        for k, now in enumerate(sizes):
+            state[0] = left[k] * state[0] + own.drift * h[k] * now
+            state[1] = np.maximum(left[k] * state[1], now)
+            limits[k] = np.minimum(state[0], 2.0 * state[1])
+        return limits
+
+    def sizes_of(self, other: PoseVibrations, sizes: Array) -> Array:
+        """(…, k) sizes of its vibrations that those of another pose with some sizes contain."""
+        x = self.project @ other.shapes @ other.own.shapes
+        both = np.abs(self.own.inverse @ np.vstack([x, x * other.own.values]))
+        return np.asarray(sizes @ both.T)
 
     def is_exact(self, duration: float) -> bool:
         """Whether no vibration gets out of phase within a time [s], not even at resonance."""
         return not self.own.get_out_of_phase(duration).any()
+
+
+def relative_rotations(compiled: Compiled, model: Model) -> list[tuple[int, int]]:
+    """Pairs of bodies (-1: the ground) whose relative rotation changes the equations."""
+    numbers = {GROUND: -1, **{one.name: k for k, one in enumerate(compiled.layout.bodies)}}
+    pairs, on_ground = set(), list[int]()
+    for spec in (*model.joints.values(), *model.forces.values()):
+        ends = getattr(spec, "between", None) or ()
+        owners = [numbers.get(str(end).partition(".")[0], -1) for end in ends]
+        if len(owners) == 2 and owners[0] != owners[1]:
+            low, high = sorted(owners)
+            if low >= 0:
+                pairs.add((low, high))
+            else:
+                on_ground.append(high)
+    pairs |= {(-1, k) for k in on_ground if on_ground.count(k) > 1}
+    return sorted(pairs)
+
+
+def rotations_of(p: Array) -> Array:
+    """(t, 3, 3) direction cosines of Euler parameters (t, 4)."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_quat(np.roll(p, -1, axis=1)).as_matrix())
 
 
 def _vibrations(D: Array, K: Array, unit: float) -> tuple[Complex, Complex, Complex]:

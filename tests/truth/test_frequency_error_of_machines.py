@@ -1,0 +1,140 @@
+"""Natural frequencies that are off for want of modes, in machines.
+
+Truth: runs of the same scene with all modes that matter.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from frequencykit import OMEGA, STEEL, L, beam, error, error_told_of, ran, told
+
+from flexmb.analysis.validity.modal_basis import ModalBasisMonitor
+from flexmb.engine.compile import compile_system
+from flexmb.flexbody import load
+from flexmb.model import Model
+from flexmb.results.output_block import OutputBlock
+
+
+def crank_from_dead_centre(modes):
+    """A slider-crank that starts where the slider does not see its crank bend, and shakes it."""
+    made = Model("slider-crank", gravity="none")
+    rate = 0.97 * OMEGA[0]
+    end = 50 * np.pi / rate
+    beam(made, "crank", modes, damping=0.01, residual="none")
+    made.add_body("hub", mass=1.0, inertia=[1.0] * 3)
+    made.add_joint("pin", "revolute", between=["ground", "hub"], axis="z")
+    made.add_joint("clamp", "fixed", between=["hub", "crank.root"])
+    made.add_body("rod", mass=0.001, inertia=[1e-6, 1e-4, 1e-4], position=[2.0, 0, 0])
+    made.add_marker("rod.a", position=[-1.0, 0, 0])
+    made.add_marker("rod.b", position=[1.0, 0, 0])
+    made.add_body("slider", mass=0.001, inertia=[1e-5] * 3, position=[3.0, 0, 0])
+    made.add_joint("ab", "spherical", between=["crank.tip", "rod.a"])
+    made.add_joint("bc", "revolute", between=["rod.b", "slider"], axis="z")
+    made.add_marker("ground.s", position=[3.0, 0, 0])
+    made.add_joint("guide", "prismatic", between=["ground.s", "slider"], axis="x")
+    made.add_driver("motor", joint="pin", angle=f"0.5*t/{end}+0.004*sin({rate}*t)")
+    made.add_sensor("slider", "position", of="slider")
+    made.set_dynamics(duration=end, outputs=500, accuracy=1e-5)
+    return made
+
+
+@pytest.mark.seconds
+def test_what_no_sensor_sees_in_the_first_pose_is_told_in_later_ones(tmp_path):
+    few, notes = ran(crank_from_dead_centre(0), tmp_path / "few")
+    full, _ = ran(crank_from_dead_centre(8), tmp_path / "full")
+    (note,) = notes
+    assert 0.06 < error(few, full, "slider") < told(note)
+    assert told(note) == pytest.approx(error_told_of(note, few, full), rel=0.3)
+
+
+def hung(modes, pull, drive="0", side=0.002):
+    """A thin bar between a base and a ring that is pulled along it."""
+    model = Model("string", gravity=[0, -0.5, 0])
+    sections = {"all": {"type": "rectangle", "y": side, "z": side}}
+    model.add_body("string", mesh={"type": "beam", "length": L, "divisions": 24}, modes=modes,
+                   material=STEEL, sections=sections, geometric_stiffening="full",
+                   interfaces={"root": "start", "tip": "end"})  # fmt: skip
+    for name, at, axis in (("base", 0.0, "y"), ("ring", L, "x")):
+        model.add_body(name, mass=0.05, inertia=[1e-5] * 3, position=[at, 0, 0])
+        model.add_joint(f"{name}_rail", "prismatic", between=["ground", name], axis=axis)
+    model.add_joint("root", "spherical", between=["base", "string.root"])
+    model.add_joint("tip", "spherical", between=["string.tip", "ring"])
+    model.add_driver("shake", joint="base_rail", stroke=drive)
+    pulled = {"type": "step5", "t0": 0.0, "t1": 0.15, "y0": 0.0, "y1": pull}
+    model.add_force("pull", "force", at="ring", value=[pulled, 0, 0])
+    return model
+
+
+@pytest.mark.parametrize("pull", [50.0, 400.0])
+def test_tension_stiffens_modes_that_are_left_out(pull, tmp_path):
+    """A string of 36 and 150 times Euler's load, pulled after its start: 5 and 15 Hz become 56."""
+    runs = []
+    for modes in (4, 20):
+        model = hung(modes, pull)
+        model.add_marker("string.middle", position=[L / 2, 0, 0])
+        model.add_sensor("middle", "position", of="string.middle")
+        model.set_dynamics(duration=0.4, outputs=800, accuracy=1e-4, method="radau", verify=False)
+        runs.append(ran(model, tmp_path / str(modes)))
+    (few, notes), (every, _) = runs
+    error = np.abs(few["middle.y"] - every["middle.y"]).max() / np.ptp(every["middle.y"])
+    assert error < 0.02
+    for note in notes:
+        off = error_told_of(note, few, every)
+        assert 0.5 * off < told(note) < 3 * off
+
+
+@pytest.mark.seconds
+def test_reactions_to_a_start_are_told_their_phase(tmp_path):
+    """A crank begins to turn at once, and its rod vibrates along itself: its frequency is too
+    high, so that its phase is lost. Nothing was told for 8 % of a force."""
+
+    def made(modes):
+        model = Model("start", gravity=[0, -9.81, 0])
+        model.add_body("crank", mass=1.0, inertia=[1e-3] * 3)
+        model.add_body("slider", mass=0.5, inertia=[1e-3] * 3, position=[0.25, 0, 0])
+        model.add_marker("crank.pin", position=[0.05, 0, 0])
+        model.add_body(
+            "rod", mesh={"type": "box", "size": [0.2, 0.01, 0.01], "divisions": [10, 2, 2]},
+            material=STEEL, interfaces={"root": "x0", "tip": "x1"}, modes=modes, stress="none",
+            position=[0.05, 0, 0],
+        )  # fmt: skip
+        model.add_joint("bearing", "revolute", between=["ground", "crank"], axis="z")
+        model.add_joint("pin", "revolute", between=["crank.pin", "rod.root"], axis="z")
+        model.add_joint("wrist", "spherical", between=["rod.tip", "slider"])
+        model.add_joint("guide", "prismatic", between=["ground", "slider"], axis="x")
+        model.add_driver("motor", joint="bearing", angle="300*t")
+        model.add_sensor("slider", "position", of="slider")
+        model.set_dynamics(duration=0.02, outputs=400, accuracy=1e-5, start="undeformed",
+                           verify=False)  # fmt: skip
+        return model
+
+    few, (note,) = ran(made(6), tmp_path / "few")
+    full, none = ran(made(16), tmp_path / "full")
+    off = error_told_of(note, few, full)
+    assert error(few, full, "slider") < 0.005 and off > 0.05
+    assert 0.5 * off < told(note) < 1.5 * off
+
+
+@pytest.mark.seconds
+def test_modes_under_tension_do_not_depend_on_where_chunks_end(tmp_path):
+    """Their frequencies had the mean tension of each chunk: 0.018 was told row by row for
+    0.042 at once."""
+    model = hung(4, 50.0)
+    model.add_marker("string.middle", position=[L / 2, 0, 0])
+    model.add_sensor("middle", "position", of="string.middle")
+    model.set_dynamics(duration=0.4, outputs=800, accuracy=1e-4, method="radau", verify=False)
+    result, _ = ran(model, tmp_path)
+    compiled = compile_system(model, {"string": load(tmp_path / "string.flexbody.h5")})
+    tables = [result.part(name, slice(None)) for name in ("q", "v", "vd", "lam")]
+    sensors = np.column_stack([result[name] for name in compiled.layout.channels])
+    none = np.zeros((len(result.time), 0))
+    rows, values = OutputBlock(result.time, *tables, none, sensors, none, none), []
+    for size in (1, 70, len(result.time)):
+        basis = ModalBasisMonitor(compiled, model)
+        for first in range(0, len(result.time), size):
+            basis.add(rows.part(first, min(first + size, len(result.time))))
+        values.append([one.value for one in basis.indicators() if one.quantity == "truncation"])
+    assert values[0][0] > 1e-3
+    np.testing.assert_allclose(values[0], values[2], rtol=1e-6)
+    np.testing.assert_allclose(values[1], values[2], rtol=1e-6)
