@@ -389,6 +389,15 @@ class Scope:
             if problem is not None:
                 yield Problem(where, problem.what, problem.allowed, problem.nearest)
 
+    def axes(self, where: str, axes: str, words: tuple[str, ...]) -> Iterator[Problem]:
+        """The problem of axes that are none of `words` and not those of a marker."""
+        problems = [] if axes in words else list(self.marker(where, axes))
+        if problems and "." not in axes:
+            names = (*words, "a marker (body.name)")
+            near = nearest(axes, (*words, *self.names("bodies")))
+            problems = [Problem(where, f'unknown axes "{axes}"', names, near)]
+        yield from problems
+
     def pair(self, where: str, between: tuple[str, str], noun: str) -> Iterator[Problem]:
         """Problems of two markers: they must be on different bodies, at material points."""
         first, second = (split_reference(reference)[0] for reference in between)

@@ -55,8 +55,7 @@ class MarkerSensorSpec(SensorSpec):
         return self
 
     def problems(self, scope: Scope, where: str) -> Iterator[Problem]:
-        if self.axes != "global":
-            yield from scope.marker(f"{where}.axes", self.axes)
+        yield from scope.axes(f"{where}.axes", self.axes, ("global",))
         if self.seen_from is not None:
             yield from scope.marker(f"{where}.seen_from", self.seen_from)
 
@@ -187,8 +186,7 @@ class ReactionSensorSpec(SensorSpec):
         return self
 
     def problems(self, scope: Scope, where: str) -> Iterator[Problem]:
-        if self.axes not in ("joint", "global"):
-            yield from scope.marker(f"{where}.axes", self.axes)
+        yield from scope.axes(f"{where}.axes", self.axes, ("joint", "global"))
         for noun in ("joint", "driver", "force"):
             name = getattr(self, noun)
             if name is not None:

@@ -167,6 +167,15 @@ def test_an_observer_has_axes_of_its_own():
     assert "sensors.p.seen_from: is an observer with axes of its own" in text
 
 
+def test_axes_that_are_words_are_named_with_the_markers():
+    made = model()
+    made.add_sensor("p", "position", of="cart", axes="globl")
+    made.add_sensor("r", "reaction", joint="rail", axes="J")
+    text = told(made)
+    assert 'sensors.p.axes: unknown axes "globl"; nearest: global; allowed: global, a m' in text
+    assert 'sensors.r.axes: unknown axes "J"; allowed: joint, global, a marker (body.name)' in text
+
+
 def test_axes_and_observers_must_exist():
     made = model()
     made.add_sensor("p", "position", of="cart", axes="carte.top")

@@ -57,11 +57,7 @@ class LoadSpec(Component):
             yield from scope.material(f"{where}.reaction", self.reaction)
         axes = self.axes_marker
         if axes is not None:
-            problems = list(scope.marker(f"{where}.axes", axes))
-            if problems and "." not in axes:
-                names = ("global", "body", "a marker (body.name)")
-                what = f'unknown axes "{axes}"'
-                problems = [Problem(f"{where}.axes", what, names, nearest(axes, names))]
+            problems = list(scope.axes(f"{where}.axes", axes, ("global", "body")))
             yield from problems or scope.material(f"{where}.axes", axes)
 
     def planar_problems(self, scope: Scope, where: str, plane: str) -> Iterator[Problem]:
