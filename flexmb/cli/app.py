@@ -77,8 +77,25 @@ def _other_way(word: str, options: list[str]) -> str:
     return ""
 
 
+_STEM = 5  # letters of a word that is no command, by which the help of commands is searched
+
+
 class _Commands(TyperGroup):
-    """The commands; an option that the command does not have is told of those that have it."""
+    """The commands; an option that the command does not have is told of those that have it, and a
+    word that is no command of the commands that explain it."""
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Find the command of the first word, as its superclass does."""
+        try:
+            return super().resolve_command(ctx, args)
+        except Exception as error:
+            stem = args[0].lower()[:_STEM]
+            texts = {k: f"{k} {one.help}".lower() for k, one in self.commands.items()}
+            named = [k for k, text in texts.items() if len(stem) == _STEM and stem in text]
+            if named:
+                what = f'No such command "{args[0]}"; its word is in the help of '
+                vars(error)["message"] = what + ", ".join(named)
+            raise
 
     def invoke(self, ctx: Any) -> Any:
         """Run a command, as its superclass does."""

@@ -251,9 +251,12 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
             "--method; it is given as --set dynamics.method=VALUE",
         ),
         (["render", "a.h5", "--labels", "all"], "--labels; it is given as --view labels=VALUE"),
+        (["linearize", "a.toml"], 'No such command "linearize"; its word is in the help of modes'),
+        (["modess", "a.toml"], "its word is in the help of modes"),
+        (["rum", "a.toml"], "No such command 'rum'. Did you mean 'run'"),
     ],
 )
-def test_options_of_other_commands_are_told(words: list[str], said: str) -> None:
+def test_options_and_words_of_other_commands_are_told(words: list[str], said: str) -> None:
     done = call(*words)
     assert done.exit_code == 2
     assert said in done.stderr
