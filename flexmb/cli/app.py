@@ -90,9 +90,9 @@ class _Commands(TyperGroup):
             return super().resolve_command(ctx, args)
         except Exception as error:
             stem = args[0].lower()[:_STEM]
-            texts = {k: f"{k} {one.help}".lower() for k, one in self.commands.items()}
-            named = [k for k, text in texts.items() if len(stem) == _STEM and stem in text]
-            if named:
+            named = [k for k, one in self.commands.items() if stem in f"{one.help}".lower()]
+            begins = any(name.startswith(stem) for name in self.commands)
+            if named and len(stem) == _STEM and not begins:
                 what = f'No such command "{args[0]}"; its word is in the help of '
                 vars(error)["message"] = what + ", ".join(named)
             raise

@@ -252,7 +252,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ),
         (["render", "a.h5", "--labels", "all"], "--labels; it is given as --view labels=VALUE"),
         (["linearize", "a.toml"], 'No such command "linearize"; its word is in the help of modes'),
-        (["modess", "a.toml"], "its word is in the help of modes"),
+        (["modess", "a.toml"], "No such command 'modess'. Did you mean 'modes'"),
         (["rum", "a.toml"], "No such command 'rum'. Did you mean 'run'"),
     ],
 )
