@@ -19,7 +19,7 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import PrivateAttr, ValidationInfo, model_validator
+from pydantic import PrivateAttr, ValidationInfo, field_validator, model_validator
 
 from flexmb.errors import FlexmbError, Problem, nearest
 from flexmb.model.markers import Marker, Orientation
@@ -338,6 +338,16 @@ class BodySpec(Spec):
     initial: dict[str, Annotated[InitialVelocity, Entry()]] = {}
     markers: dict[str, Marker] = {}
     color: Annotated[str, Reader(_color, form=choice(COLORS))] | None = None
+
+    @field_validator("initial", mode="before")
+    @classmethod
+    def _check_markers(cls, value: Any) -> Any:
+        for word in ("velocity", "angular_velocity") if isinstance(value, dict) else ():
+            if isinstance(value.get(word), list | tuple):
+                raise fail(
+                    Problem(word, f'markers are named here; the body\'s own is "{word}" alone')
+                )
+        return value
 
     @model_validator(mode="after")
     def _check_origin(self) -> Self:

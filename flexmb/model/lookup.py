@@ -378,25 +378,19 @@ class Scope:
                     if isinstance(reference, str):
                         yield from self.marker(where, reference)
 
-    def marker(self, where: str, reference: str) -> Iterator[Problem]:
-        """The problem of a marker that does not exist."""
+    def marker(self, where: str, reference: str, *words: str) -> Iterator[Problem]:
+        """The problem of a marker that does not exist; of axes that are none of `words` either."""
         body = split_reference(reference)[0]
+        if reference in words:
+            return
         if body != GROUND and not self.has("bodies", body):
-            bodies = (*self.names("bodies"), GROUND)
-            yield Problem(where, f'unknown body "{body}"', bodies, nearest(body, bodies))
+            names = (*words, *self.names("bodies"), GROUND)
+            noun = "axes" if words and body == reference else "body"
+            yield Problem(where, f'unknown {noun} "{body}"', names, nearest(body, names))
         elif body not in self.broken.get("bodies", {}):
             problem = missing(self.model, reference, self.flexbodies)
             if problem is not None:
                 yield Problem(where, problem.what, problem.allowed, problem.nearest)
-
-    def axes(self, where: str, axes: str, words: tuple[str, ...]) -> Iterator[Problem]:
-        """The problem of axes that are none of `words` and not those of a marker."""
-        problems = [] if axes in words else list(self.marker(where, axes))
-        if problems and "." not in axes:
-            names = (*words, "a marker (body.name)")
-            near = nearest(axes, (*words, *self.names("bodies")))
-            problems = [Problem(where, f'unknown axes "{axes}"', names, near)]
-        yield from problems
 
     def pair(self, where: str, between: tuple[str, str], noun: str) -> Iterator[Problem]:
         """Problems of two markers: they must be on different bodies, at material points."""

@@ -55,7 +55,7 @@ class MarkerSensorSpec(SensorSpec):
         return self
 
     def problems(self, scope: Scope, where: str) -> Iterator[Problem]:
-        yield from scope.axes(f"{where}.axes", self.axes, ("global",))
+        yield from scope.marker(f"{where}.axes", self.axes, "global")
         if self.seen_from is not None:
             yield from scope.marker(f"{where}.seen_from", self.seen_from)
 
@@ -186,7 +186,7 @@ class ReactionSensorSpec(SensorSpec):
         return self
 
     def problems(self, scope: Scope, where: str) -> Iterator[Problem]:
-        yield from scope.axes(f"{where}.axes", self.axes, ("joint", "global"))
+        yield from scope.marker(f"{where}.axes", self.axes, "joint", "global")
         for noun in ("joint", "driver", "force"):
             name = getattr(self, noun)
             if name is not None:

@@ -121,7 +121,7 @@ MISTAKES = {
     ),
     "axes that are none": (
         PUSH + 'axes = "bodi"',
-        'forces.f.axes: unknown axes "bodi"; nearest: body; allowed: global, body, a marker',
+        'forces.f.axes: unknown axes "bodi"; nearest: body; allowed: global, body, crank',
     ),
     "axes of no marker": (
         PUSH + 'axes = "crank.tp"',

@@ -289,6 +289,12 @@ ONE_LINE = [
         id="velocity of a misspelt marker",
     ),
     pytest.param(
+        ("[bodies.rod]", "initial.velocity = [1, 0, 0]\n[bodies.rod]"),
+        "bodies.crank.initial.velocity: markers are named here; "
+        'the body\'s own is "velocity" alone',
+        id="velocity of the body among those of markers",
+    ),
+    pytest.param(
         ("[bodies.rod]", '[bodies.crank.initial]\ntip.axes = "body"\n[bodies.rod]'),
         'bodies.crank.initial.tip: give "velocity", "angular_velocity" or both',
         id="initial motion that says nothing",

@@ -172,8 +172,8 @@ def test_axes_that_are_words_are_named_with_the_markers():
     made.add_sensor("p", "position", of="cart", axes="globl")
     made.add_sensor("r", "reaction", joint="rail", axes="J")
     text = told(made)
-    assert 'sensors.p.axes: unknown axes "globl"; nearest: global; allowed: global, a m' in text
-    assert 'sensors.r.axes: unknown axes "J"; allowed: joint, global, a marker (body.name)' in text
+    assert 'sensors.p.axes: unknown axes "globl"; nearest: global; allowed: global, cart,' in text
+    assert 'sensors.r.axes: unknown axes "J"; allowed: joint, global, cart, ground' in text
 
 
 def test_axes_and_observers_must_exist():

@@ -57,7 +57,7 @@ class LoadSpec(Component):
             yield from scope.material(f"{where}.reaction", self.reaction)
         axes = self.axes_marker
         if axes is not None:
-            problems = list(scope.axes(f"{where}.axes", axes, ("global", "body")))
+            problems = list(scope.marker(f"{where}.axes", axes, "global", "body"))
             yield from problems or scope.material(f"{where}.axes", axes)
 
     def planar_problems(self, scope: Scope, where: str, plane: str) -> Iterator[Problem]:
