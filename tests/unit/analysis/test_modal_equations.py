@@ -130,9 +130,9 @@ def test_a_piece_begins_where_accelerations_hold_the_unresolved_vibration(wrong)
 def test_a_mass_that_follows_moves_the_other_by_all_rates_of_its_lever():
     """x = W(t) z + w(t) in Wᵀ(M ẍ + D ẋ + K x + F) = 0, with derivatives by hand beside splines.
 
-    Loads that are linear between rows are off by 1e-3; without rates z is off by 0.004 to 0.02.
+    Loads that are linear between rows are off by 1e-3; without rates z is off by 0.003 to 0.01.
     """
-    D = np.array([[0.1, 0.0], [0.0, 1.0]])
+    D = np.array([[0.0, 0.0], [0.0, 0.4]])
     k = 0.1 * np.array([1.0, 0.7, -0.49])  # of the lever: amplitude, rate, its rate
 
     def place(t, z):
@@ -161,6 +161,6 @@ def test_a_mass_that_follows_moves_the_other_by_all_rates_of_its_lever():
     moved, bounded = modal.integrate(np.array([0.5 / scale]), np.array([0.2 / scale]))
     ours = made.motion(*(eta @ modal.T.T for eta in moved))
     assert bounded == len(T)
-    assert ours[:2, :, 0] == pytest.approx(exact.y, abs=2.5e-3)
+    assert ours[:2, :, 0] == pytest.approx(exact.y, abs=1.9e-3)
     lean = np.array([place(t, z)[2][1] for t, z in zip(T, exact.y[0], strict=True)])
     assert ours[0, :, 1] == pytest.approx(lean, abs=2.5e-3)
