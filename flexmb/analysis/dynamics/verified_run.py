@@ -160,7 +160,7 @@ class VerifiedRun:
         integrator, passes = self.fine.method, self.passes[0]
         highest = float(integrator.order)
         implicit = integrator.stages == 0 and integrator.order >= method.HIGH_ORDER
-        if implicit and self.fine.compiled.layout.coordinates:
+        if implicit and self.fine.compiled.system.parts.coordinates["state"].any():
             highest -= _ORDER_LOST[self.is_stiff]
         if self.fine.settings.static_after_step == 1:
             highest = min(highest, _STATIC_ORDER)
