@@ -80,6 +80,16 @@ def test_a_state_near_300_has_the_steps_of_its_change(method, change, asked):
     assert found.steps < 1.2 * judged(model, truth, **knobs).steps
 
 
+@pytest.mark.parametrize("name", ["bead on a cycloid", "rack", "roller", "heart"])
+def test_coordinates_of_joints_are_no_states_and_cost_radau_no_order(name):
+    """Taken for states, which do, 2.3 to 2.5 times the error were told and the heart ran twice."""
+    scene = SCENES[name]
+    knobs = {"duration": scene.duration, "outputs": 100, "accuracy": 1e-6, "method": "radau"}
+    found = judged(scene.make(), scene.truth, **knobs)
+    assert found.statistics["passes"] == 1 and found.is_reached(1e-6)
+    assert 0.7 < found.share < 1.5
+
+
 @pytest.mark.seconds
 def test_terms_that_cancel_in_a_rate_do_not_shorten_steps():
     """1e7 cancels beside a change of 1e-3: 44 751 steps at 1e-5, and none short enough at 1e-8."""

@@ -162,7 +162,8 @@ class PreparedDynamics:
         assert again.verified is not None
         if last[0]:
             again.verified.error.compare(self.verified.error)
-        _set_error_scales(again, self.run.state)
+        if not self.verified.multiplies_errors:  # the first errors count most then
+            _set_error_scales(again, self.run.state)
         return again
 
     def as_last_pass(self) -> PreparedDynamics:

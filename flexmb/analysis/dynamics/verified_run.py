@@ -160,7 +160,7 @@ class VerifiedRun:
         integrator, passes = self.fine.method, self.passes[0]
         highest = float(integrator.order)
         implicit = integrator.stages == 0 and integrator.order >= method.HIGH_ORDER
-        if implicit and self.fine.compiled.layout.coordinates:
+        if implicit and self.fine.compiled.system.parts.coordinates["state"].any():
             highest -= _ORDER_LOST[self.is_stiff]
         if self.fine.settings.static_after_step == 1:
             highest = min(highest, _STATIC_ORDER)
@@ -236,8 +236,7 @@ class VerifiedRun:
         ahead, self._ahead = self._ahead, None
         status = ahead.status.result() if ahead else scout.integrate(0 if first else scout.chunk)
         coarse = scout.rows.read()
-        rows: list[OutputBlock] = []
-        done = 0
+        rows, done = list[OutputBlock](), 0
         knots = scout.plan.knots[: scout.plan.used[0]].copy()
         fine.plan.knots[: len(knots)], fine.plan.used[0] = knots, len(knots)
         end = knots[-1]
@@ -313,13 +312,17 @@ class VerifiedRun:
         """Ratio of errors with the error of the pass before, reduced by the order of the method."""
         passes, steps = self.passes[0], self.scout_state.count[0]["steps"]
         before = self.error.ratio_before()
-        multiplies = self.error.growth() >= _MIN_GROWTH
-        if before <= 1.0 or not (self.fine.method.stages and multiplies):
+        if before <= 1.0 or not self.multiplies_errors:
             return math.inf
         fell = float(passes["last_steps"] / max(steps, 1)) ** self.fine.method.order
         expected = passes["last_difference"] / (before - 1.0) * fell
         expected = min(expected, _EXPECTED_SHARE * self.fine.settings.accuracy)
         return 1.0 + float(self.difference / expected) if expected > 0.0 else math.inf
+
+    @property
+    def multiplies_errors(self) -> bool:
+        """Whether the motion multiplies errors that an explicit method has made."""
+        return self.fine.method.stages > 0 and self.error.growth() >= _MIN_GROWTH
 
     @property
     def is_limited(self) -> bool:
@@ -388,11 +391,8 @@ def _repeated_chunks(verified: VerifiedRun, begin: State, progress: Progress) ->
     most = _MAX_REPEATED_STEPS * scout.state.count[0]["steps"]
     while not chunks or not own.finished:
         status = own.integrate(own.chunk if chunks else 0)
-        knots, values = (
-            own.plan.knots[: own.plan.used[0]],
-            verified.error.comparison.values(own.rows.read()),
-        )
-        chunks.append(Chunk(knots.copy(), values))
+        knots = own.plan.knots[: own.plan.used[0]].copy()
+        chunks.append(Chunk(knots, verified.error.comparison.values(own.rows.read())))
         if status != method.SUCCESS or own.state.count[0]["steps"] > most:
             break
         progress("integrate", 1.0, f"measures round-off, t = {own.state.t[0]:.4g} s")
