@@ -84,7 +84,7 @@ def largest_error(found, truth):
         apart[name] = max(apart.get(name, 0.0), np.abs(found[channel] - wanted).max())
         moves[name] = max(moves.get(name, 0.0), np.ptp(wanted))
     most = max(moves.values())
-    shares = {name: apart[name] / move for name, move in moves.items() if move > 1e-9 * most}
+    shares = {name: apart[name] / move for name, move in moves.items() if move > 1e-12 * most}
     worst = max(shares, key=shares.get)
     return shares[worst], worst
 
