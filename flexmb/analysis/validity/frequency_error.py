@@ -99,6 +99,8 @@ class FrequencyErrorMonitor:
         before this one.
     """
 
+    quantity = "frequency"
+
     def __init__(self, compiled: Compiled, model: Model, basis: ModalBasisMonitor) -> None:
         self._basis = basis
         self._compiled, self._model, self._units = compiled, model, model.units
@@ -301,8 +303,7 @@ class FrequencyErrorMonitor:
         moved = self._seen(equations, tangents, S @ N @ T, omega)
         turns = [rows.v[k, one.part][3:6] for one in self._bodies]
         matrices = T.T @ D @ T, T.T @ K @ T
-        times = float(self._interval[0]), self._duration
-        motions = X, Xd, project
+        times, motions = (float(self._interval[0]), self._duration), (X, Xd, project)
         bodies = [
             replace(one, omega=np.sqrt(one.omega_squares(tension[[k]])[0]))
             for one, tension in zip(self._bodies, self._tension, strict=True)
@@ -366,8 +367,7 @@ class FrequencyErrorMonitor:
         self._act_back(times, states[:, d:n])
         end = states[-1]
         rates = pose.shapes @ end[n : n + d] + pose.shape_rates @ end[:d]
-        parts = pose.shapes @ end[:d], end[d:n], rates, end[n + d :]
-        self._state = np.concatenate(parts)
+        self._state = np.concatenate([pose.shapes @ end[:d], end[d:n], rates, end[n + d :]])
 
     def _rest(self, row: Array) -> None:
         """Go to a row of the table without a difference of the motion."""
@@ -436,7 +436,7 @@ class FrequencyErrorMonitor:
         _, t, hertz, shift = self._largest[:, k]
         body, share = self._bodies[self._body[k]].columns.name, float(shares[k])
         text = partial(self._sentence, body, self._groups[k].name, share, t, hertz, shift)
-        yield Indicator(body, "frequency", share, t, LARGEST_CHANGE, text)
+        yield Indicator(body, self.quantity, share, t, LARGEST_CHANGE, text)
 
     def _sentence(
         self, body: str, what: str, share: float, t: float, hertz: float, shift: float
