@@ -79,7 +79,7 @@ from flexmb.units import percent
 
 #: Change of a position sensor over its range from which a run says so.
 LARGEST_CHANGE = 0.01
-_NEAR = 0.4  # rotation between two bodies [rad], or speed over frequency, of another pose
+NEAR = 0.4  # rotation between two bodies [rad], or speed over frequency, of another pose
 _MOST_POSES = 24
 _EXACT_POSES = 3  # with exact frequencies, after which no others are computed
 _SMALL_CHANGE = 0.5 * LARGEST_CHANGE  # below which the bound of a change needs no further look
@@ -242,7 +242,7 @@ class FrequencyErrorMonitor:
             if all(pose.is_exact(self._duration) for _, pose in self._poses):
                 most = _EXACT_POSES
             to_pose = np.array(away)[:, first:]
-            far = np.flatnonzero(to_pose.min(axis=0) > _NEAR)
+            far = np.flatnonzero(to_pose.min(axis=0) > NEAR)
             last = first + int(far[0]) if len(far) and len(away) < most else len(marks)
             near[first:last] = to_pose[:, : last - first].argmin(axis=0)
             if last < len(marks):

@@ -10,7 +10,9 @@ row, about whose equilibrium a run may begin. It is solved as of modes that bodi
 (:mod:`flexmb.analysis.validity.frequency_error`), with −∫(f − f₀) dt as the rate of S; a vibration
 differs by twice its amplitude at most.
 
-Loads are those of the motion without stiffening. They lack what the shortening of a bent bar
+Nothing is told after bodies have turned against each other or changed their speeds by what makes
+other vibrations: what is slow in one pose looks fast in the next. Loads are those of the motion
+without stiffening. They lack what the shortening of a bent bar
 accelerates, which may be as much again.
 """
 
@@ -19,8 +21,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
-from flexmb.analysis.validity.frequency_error import FrequencyErrorMonitor
+from flexmb.analysis.validity.frequency_error import NEAR, FrequencyErrorMonitor
 from flexmb.analysis.validity.joined_body import bars_without_stiffening
 from flexmb.analysis.validity.load_factor import LoadFactorMonitor
 from flexmb.analysis.validity.modal_basis import ModalBasisMonitor
@@ -62,6 +65,7 @@ class StiffeningResponseMonitor(FrequencyErrorMonitor):
         self._energies = np.zeros((2, len(self._bodies)))
         self._impulse = np.zeros(0)  # −∫(f − f₀) dt up to the last row
         self._first = np.zeros(0)  # −f₀
+        self._left = np.zeros(1, bool)  # whether the first pose is left
 
     def _table(self, rows: OutputBlock) -> Array:
         """(t, columns) time; −f of each body; zero for modes left out; angular velocities."""
@@ -100,6 +104,24 @@ class StiffeningResponseMonitor(FrequencyErrorMonitor):
         """Whether the stiffness that is left out may put a vibration out of phase so far."""
         stiffness = np.sqrt(self._energies[0] / self._energies[1].clip(1e-300)).max()
         return bool(0.5 * stiffness * RESOLVED * self._duration > LEAST_PHASE * self._interval[0])
+
+    def _near(self, rows: OutputBlock) -> NDArray[np.int64]:
+        """(t,) zero up to the row at which the first pose is left, and one from there on."""
+        marks = self._marks(rows)
+        if not self._poses:
+            self._poses.append((marks[0], self._pose(rows, 0)))
+        away = np.linalg.norm(marks - self._poses[0][0], axis=1) > NEAR
+        away = np.maximum.accumulate(np.append(self._left, away))[1:]
+        self._left = away[-1:]
+        return away.astype(np.int64)
+
+    def _integrate(
+        self, number: int, t: Array, h: Array, slopes: tuple[Array, Array], table: Array,
+        motions: Array,
+    ) -> None:  # fmt: skip
+        """Integrate over the next steps in the first pose."""
+        if number == 0:
+            super()._integrate(number, t, h, slopes, table, motions)
 
     def _pose(self, rows: OutputBlock, k: int) -> PoseVibrations:
         """The vibrations about row k; any of them may get out of phase."""

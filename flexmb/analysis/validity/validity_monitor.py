@@ -402,7 +402,7 @@ def _tells_response(other: Indicator, one: Indicator) -> bool:
     is the larger one.
     """
     if one.quantity == "stiffening_response":
-        large = other.quantity in ("omitted_stiffening", "load_factor") or _is_speed(other)
+        large = other.quantity == "omitted_stiffening" or _is_speed(other)
         static = other.quantity in ("stiffening", "membrane_forces")
         return large or static and 2.0 * other.value > one.value
     static = one.quantity in ("stiffening", "membrane_forces")
