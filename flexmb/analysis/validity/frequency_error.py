@@ -79,7 +79,7 @@ from flexmb.units import percent
 
 #: Change of a position sensor over its range from which a run says so.
 LARGEST_CHANGE = 0.01
-_NEAR = 0.4  # rotation between two bodies [rad], or speed over frequency, of another pose
+NEAR = 0.4  # rotation between two bodies [rad], or speed over frequency, of another pose
 _MOST_POSES = 24
 _EXACT_POSES = 3  # with exact frequencies, after which no others are computed
 _SMALL_CHANGE = 0.5 * LARGEST_CHANGE  # below which the bound of a change needs no further look
@@ -98,6 +98,8 @@ class FrequencyErrorMonitor:
         Tells the loads at nodes, and is told the energy of modes that are left out. It has the rows
         before this one.
     """
+
+    quantity = "frequency"
 
     def __init__(self, compiled: Compiled, model: Model, basis: ModalBasisMonitor) -> None:
         self._basis = basis
@@ -240,7 +242,7 @@ class FrequencyErrorMonitor:
             if all(pose.is_exact(self._duration) for _, pose in self._poses):
                 most = _EXACT_POSES
             to_pose = np.array(away)[:, first:]
-            far = np.flatnonzero(to_pose.min(axis=0) > _NEAR)
+            far = np.flatnonzero(to_pose.min(axis=0) > NEAR)
             last = first + int(far[0]) if len(far) and len(away) < most else len(marks)
             near[first:last] = to_pose[:, : last - first].argmin(axis=0)
             if last < len(marks):
@@ -301,8 +303,7 @@ class FrequencyErrorMonitor:
         moved = self._seen(equations, tangents, S @ N @ T, omega)
         turns = [rows.v[k, one.part][3:6] for one in self._bodies]
         matrices = T.T @ D @ T, T.T @ K @ T
-        times = float(self._interval[0]), self._duration
-        motions = X, Xd, project
+        times, motions = (float(self._interval[0]), self._duration), (X, Xd, project)
         bodies = [
             replace(one, omega=np.sqrt(one.omega_squares(tension[[k]])[0]))
             for one, tension in zip(self._bodies, self._tension, strict=True)
@@ -366,8 +367,7 @@ class FrequencyErrorMonitor:
         self._act_back(times, states[:, d:n])
         end = states[-1]
         rates = pose.shapes @ end[n : n + d] + pose.shape_rates @ end[:d]
-        parts = pose.shapes @ end[:d], end[d:n], rates, end[n + d :]
-        self._state = np.concatenate(parts)
+        self._state = np.concatenate([pose.shapes @ end[:d], end[d:n], rates, end[n + d :]])
 
     def _rest(self, row: Array) -> None:
         """Go to a row of the table without a difference of the motion."""
@@ -436,7 +436,7 @@ class FrequencyErrorMonitor:
         _, t, hertz, shift = self._largest[:, k]
         body, share = self._bodies[self._body[k]].columns.name, float(shares[k])
         text = partial(self._sentence, body, self._groups[k].name, share, t, hertz, shift)
-        yield Indicator(body, "frequency", share, t, LARGEST_CHANGE, text)
+        yield Indicator(body, self.quantity, share, t, LARGEST_CHANGE, text)
 
     def _sentence(
         self, body: str, what: str, share: float, t: float, hertz: float, shift: float
