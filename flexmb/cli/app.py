@@ -77,7 +77,9 @@ def _other_way(word: str, options: list[str]) -> str:
     return ""
 
 
-_STEM = 5  # letters of a word that is no command, by which the help of commands is searched
+# Letters of a word that is no command, by which the help of commands is searched; most commands
+# that are named.
+_STEM, _MOST_NAMED = 5, 4
 
 
 class _Commands(TyperGroup):
@@ -92,7 +94,7 @@ class _Commands(TyperGroup):
             stem = args[0].lower()[:_STEM]
             named = [k for k, one in self.commands.items() if stem in f"{one.help}".lower()]
             begins = any(name.startswith(stem) for name in self.commands)
-            if named and len(stem) == _STEM and not begins:
+            if 0 < len(named) <= _MOST_NAMED and len(stem) == _STEM and not begins:
                 what = f'No such command "{args[0]}"; its word is in the help of '
                 vars(error)["message"] = what + ", ".join(named)
             raise

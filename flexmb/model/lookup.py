@@ -384,8 +384,8 @@ class Scope:
         if reference in words:
             return
         if body != GROUND and not self.has("bodies", body):
-            names = (*words, *self.names("bodies"), GROUND)
-            noun = "axes" if words and body == reference else "body"
+            noun, also = ("axes", words) if words and body == reference else ("body", ())
+            names = (*also, *self.names("bodies"), GROUND)
             yield Problem(where, f'unknown {noun} "{body}"', names, nearest(body, names))
         elif body not in self.broken.get("bodies", {}):
             problem = missing(self.model, reference, self.flexbodies)

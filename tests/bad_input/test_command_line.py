@@ -254,6 +254,7 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> Path:
         (["linearize", "a.toml"], 'No such command "linearize"; its word is in the help of modes'),
         (["modess", "a.toml"], "No such command 'modess'. Did you mean 'modes'"),
         (["rum", "a.toml"], "No such command 'rum'. Did you mean 'run'"),
+        (["scene.toml"], "No such command 'scene.toml'."),  # nearly every help has the word
     ],
 )
 def test_options_and_words_of_other_commands_are_told(words: list[str], said: str) -> None:
