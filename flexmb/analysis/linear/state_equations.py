@@ -29,6 +29,7 @@ from flexmb.engine.compile import Compiled
 from flexmb.engine.compiled_units import bind, call, packed_record, prepare_units
 from flexmb.engine.initial_conditions import evaluate_equations
 from flexmb.engine.iteration_matrix import put_matrix, put_rows
+from flexmb.engine.joints.constraint import read_reactions
 from flexmb.engine.stage_tables import units_of
 from flexmb.engine.state import State, Work
 from flexmb.engine.state_rows import store_row_history
@@ -76,7 +77,7 @@ class StateEquations:
     """
 
     def __init__(self, compiled: Compiled, state: State) -> None:
-        units = (evaluate_equations, put_matrix, put_rows, move, store_row_history)
+        units = (evaluate_equations, put_matrix, put_rows, move, store_row_history, read_reactions)
         prepare_units([*units, *units_of(compiled.system)])
         compiled = replace(compiled, system=free_static_modes(compiled.system))
         self.compiled, self.state = compiled, state
@@ -86,6 +87,8 @@ class StateEquations:
         self._parts = packed_record(compiled.system.parts)
         self._channels = np.zeros(len(state.angles))
         self._put_channels = bind(evaluate_equations, self._run, self._channels)
+        self._reactions = np.zeros(12 * len(compiled.layout.reactions))
+        self._put_reactions = bind(read_reactions, self._run, self._at, self._reactions)
         self._put_matrices = [bind(one, self._run, self._at) for one in (put_matrix, put_rows)]
         self._motion = [np.zeros(n) for n in (len(state.q), compiled.layout.nv, len(state.q))]
         self._move = bind(move, self._parts, *self._motion)
@@ -161,6 +164,12 @@ class StateEquations:
         self._evaluate()
         return self._channels.copy()
 
+    def channels_and_reactions(self) -> Array:
+        """(channels + 12 n,) the same, and reactions in the axes of their markers."""
+        self._evaluate()
+        self._put_reactions()
+        return np.concatenate([self._channels, self._reactions])
+
     @property
     def markers(self) -> NDArray[np.void]:
         """All markers at the state that was evaluated last (`engine.state.MARKER_NOW`)."""
@@ -200,7 +209,8 @@ class StateEquations:
 
 
 def sensor_amplitudes(equations: StateEquations, omega: Array, X: Array, lam: Array) -> Array:
-    """(2, channels, k) changes of sensors by vibrations: in phase with places, and with velocities.
+    """(2, channels + 12 n, k) changes of sensors, and of reactions as in the table of a run, by
+    vibrations: in phase with places, and with velocities.
 
     Parameters
     ----------
@@ -213,7 +223,8 @@ def sensor_amplitudes(equations: StateEquations, omega: Array, X: Array, lam: Ar
     """
     state, system = equations.state, equations.compiled.system
     base = [x.copy() for x in (state.q, state.v, state.vd, state.lam, state.angles)]
-    change = np.zeros((2, len(equations.compiled.layout.channels), len(omega)))
+    layout = equations.compiled.layout
+    change = np.zeros((2, len(layout.channels) + 12 * len(layout.reactions), len(omega)))
     for j, (w, x) in enumerate(zip(omega, X.T, strict=True)):
         h = _SENSOR_STEP / max(float(np.abs(x * system.weights).max()), 1e-300)
         for part, sign in product((0, 1), (1.0, -1.0)):
@@ -223,7 +234,7 @@ def sensor_amplitudes(equations: StateEquations, omega: Array, X: Array, lam: Ar
                 state.q[:] = equations.moved(base[0], sign * h * x)
                 state.vd[:] = base[2] - sign * h * w**2 * x
                 state.lam[:] = base[3] + sign * h * lam[:, j]
-            change[part, :, j] += sign * equations.channels() / (2.0 * h)
+            change[part, :, j] += sign * equations.channels_and_reactions() / (2.0 * h)
             for name, value in zip(("q", "v", "vd", "lam", "angles"), base, strict=True):
                 getattr(state, name)[:] = value
     return change
@@ -241,24 +252,6 @@ def multipliers_of(at: Tangents, forces: Array) -> Array:
     A = np.block([[scale[:, None] * at.M * scale, C.T / size], [C / size, np.zeros((len(C),) * 2)]])
     right = np.vstack([scale[:, None] * forces, np.zeros((len(C), forces.shape[1]))])
     return np.asarray(np.linalg.lstsq(A, right, rcond=None)[0][len(mass) :] / size)
-
-
-def reaction_amplitudes(equations: StateEquations, Cq: Array, lam: Array) -> Array:
-    """(12 n, k) changes of reactions by multipliers (nc, k), as of the table of a run, in global
-    axes."""
-    layout, rows = equations.compiled.layout, equations.compiled.system.rows
-    parts = equations.compiled.system.parts
-    change = np.zeros((len(layout.reactions), 2, 6, lam.shape[1]))
-    for n, owner in enumerate(layout.reactions):
-        mine = [k for k, name in enumerate(layout.rows) if name.startswith(f"{owner}: ")]
-        for side, word in enumerate("JI") if mine else ():
-            marker = int(rows[word][mine[0]])
-            body = int(parts.markers["body"][marker])
-            if body >= 0 and not change[n].any():
-                own = slice(int(parts.bodies["iv"][body]), int(parts.bodies["iv"][body]) + 6)
-                J = equations.marker_motion(marker)[:, own]
-                change[n, side] = np.linalg.solve(J.T, Cq[mine][:, own].T @ lam[mine])
-    return change.reshape(12 * len(change), lam.shape[1])
 
 
 class ChannelGroup(NamedTuple):

@@ -367,7 +367,7 @@ class LackingBody:
         equations.set_row(row, 0)
         none = np.zeros((compiled.layout.nc, 1))
         both = sensor_amplitudes(equations, self.omega[[mode]], X, none)[..., 0]
-        return np.asarray(np.linalg.norm(both, axis=0))
+        return np.asarray(np.linalg.norm(both[:, : len(compiled.layout.channels)], axis=0))
 
 
 class OmittedOscillators:

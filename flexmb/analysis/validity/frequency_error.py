@@ -50,7 +50,6 @@ from flexmb.analysis.linear.state_equations import (
     by_unit,
     channel_groups,
     multipliers_of,
-    reaction_amplitudes,
     sensor_amplitudes,
     which_move,
 )
@@ -316,8 +315,7 @@ class FrequencyErrorMonitor:
         lam = multipliers_of(at, at.M @ X * omega**2 - at.K @ X)
         own = sensor_amplitudes(equations, omega, X, lam)
         own[1] /= omega
-        reactions = reaction_amplitudes(equations, at.Cq, lam)
-        return np.concatenate([own, np.stack([reactions, 0.0 * reactions])], axis=1)
+        return own
 
     def _integrate(
         self, number: int, t: Array, h: Array, slopes: tuple[Array, Array], table: Array,

@@ -31,7 +31,6 @@ from flexmb.analysis.functions_of_time import AT_ONCE, kinked_functions
 from flexmb.analysis.linear.state_equations import (
     StateEquations,
     channel_groups,
-    reaction_amplitudes,
     sensor_amplitudes,
     which_move,
 )
@@ -258,9 +257,7 @@ class OmittedVibrationMonitor:
         omega, X, forces = self._vibrations(rows.q[k])
         Cq = equations.tangents().Cq
         lam = np.asarray(np.linalg.lstsq(Cq.T, forces, rcond=None)[0], np.float64)
-        own = sensor_amplitudes(equations, omega, X, lam)
-        reactions = reaction_amplitudes(equations, Cq, lam)
-        change = np.concatenate([own, np.stack([reactions, 0.0 * reactions])], axis=1)
+        change = sensor_amplitudes(equations, omega, X, lam)
         turn = X[self._modal].T @ self._K @ self._shapes / omega[:, None] ** 2
         change = change[:, : len(self._least)]  # an audit's rows have no reactions
         return np.asarray(np.linalg.norm(change @ turn / self._omega, axis=0))
