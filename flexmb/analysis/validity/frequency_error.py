@@ -78,7 +78,7 @@ from flexmb.units import percent
 
 #: Change of a position sensor over its range from which a run says so.
 LARGEST_CHANGE = 0.01
-NEAR = 0.4  # rotation between two bodies [rad], or speed over frequency, of another pose
+_NEAR = 0.4  # rotation between two bodies [rad], or speed over frequency, of another pose
 _MOST_POSES = 24
 _EXACT_POSES = 3  # with exact frequencies, after which no others are computed
 _SMALL_CHANGE = 0.5 * LARGEST_CHANGE  # below which the bound of a change needs no further look
@@ -97,8 +97,6 @@ class FrequencyErrorMonitor:
         Tells the loads at nodes, and is told the energy of modes that are left out. It has the rows
         before this one.
     """
-
-    quantity = "frequency"
 
     def __init__(self, compiled: Compiled, model: Model, basis: ModalBasisMonitor) -> None:
         self._basis = basis
@@ -241,7 +239,7 @@ class FrequencyErrorMonitor:
             if all(pose.is_exact(self._duration) for _, pose in self._poses):
                 most = _EXACT_POSES
             to_pose = np.array(away)[:, first:]
-            far = np.flatnonzero(to_pose.min(axis=0) > NEAR)
+            far = np.flatnonzero(to_pose.min(axis=0) > _NEAR)
             last = first + int(far[0]) if len(far) and len(away) < most else len(marks)
             near[first:last] = to_pose[:, : last - first].argmin(axis=0)
             if last < len(marks):
@@ -434,7 +432,7 @@ class FrequencyErrorMonitor:
         _, t, hertz, shift = self._largest[:, k]
         body, share = self._bodies[self._body[k]].columns.name, float(shares[k])
         text = partial(self._sentence, body, self._groups[k].name, share, t, hertz, shift)
-        yield Indicator(body, self.quantity, share, t, LARGEST_CHANGE, text)
+        yield Indicator(body, "frequency", share, t, LARGEST_CHANGE, text)
 
     def _sentence(
         self, body: str, what: str, share: float, t: float, hertz: float, shift: float

@@ -59,8 +59,6 @@ from flexmb.units import percent
 
 #: Change over the deflection of the body, and of a sensor over its range, from which a run says so.
 LARGEST_CHANGE, LARGEST_SENSOR_CHANGE = 0.1, 0.01
-#: Second moment of mass across a blade over that along it, up to which it is a bar.
-WIDE = 0.9
 #: Load factor of a body without geometric stiffening above which a run has a note.
 LARGEST_LOAD_FACTOR = 0.1
 _MIN_SHARE_OF_RUN = 0.1  # share of a run after which it may be refused
@@ -68,6 +66,7 @@ _VISIBLE = 1e-3  # change of a sensor below which that of the deflection does no
 # Share of the largest first estimate so far from which on a row is computed exactly.
 _WORTH = 0.5
 _NEAR_NODES, _SHORT_STEPS = 13, 3.0  # of a way along a body; power of its lengths
+_WIDE = 0.9  # second moment of mass across a blade over that along it, up to which it is a bar
 _MOST_STATES = 4  # in which changes of frequencies are computed
 _LEAST_RANGE = 0.01  # of a channel, over the largest of its sensor, below which it is not judged
 
@@ -345,7 +344,7 @@ def omitted_stiffness(
     compiled: Compiled, model: Model, row: OutputBlock, load_factor: LoadFactorMonitor
 ) -> Iterator[OmittedTerms]:
     """The geometric stiffness that bars lack in one row, and blades that are nearly as wide."""
-    bars = list(bars_without_stiffening(compiled, model, WIDE))
+    bars = list(bars_without_stiffening(compiled, model, _WIDE))
     if not bars:
         return
     loads, gravity = (

@@ -92,7 +92,7 @@ class ValidityMonitor:
         self._slowest = LEAST_CYCLES / duration if duration else 0.0  # of a vibration in it, Hz
         linear = not any(map(stretches, model.bodies.values()))  # else frequencies change
         if is_judged and compiled.system.parts.bodies["m"].any():
-            of, both = (compiled, model), (self._basis, self._load_factor)
+            of = compiled, model
             self._bars = bars = OmittedStiffeningMonitor(*of, q, self._load_factor, is_motion)
             self._monitors = (
                 self._elasticity,
@@ -104,7 +104,6 @@ class ValidityMonitor:
                 self._basis,
                 *((OmittedVibrationMonitor(compiled, model, q),) if is_motion else ()),
                 *((FrequencyErrorMonitor(*of, self._basis),) if is_motion and linear else ()),
-                *(_response_monitors(*of, *both) if is_motion and linear else ()),
             )
         self._notes = (
             *loads_without_stiffening(compiled, model),
@@ -370,16 +369,6 @@ def _membrane_monitors(compiled: Compiled, model: Model, bows: set[str]) -> Iter
         yield MembraneForcesMonitor(compiled, model, bows)
 
 
-def _response_monitors(
-    compiled: Compiled, model: Model, basis: ModalBasisMonitor, load_factor: LoadFactorMonitor
-) -> Iterator[Monitor]:
-    """The monitor of vibrations without stiffening, if a body has none."""
-    if any(body.centrifugal_stiffness is None for _, body in flexible_columns(compiled)):
-        from flexmb.analysis.validity.stiffening_response import StiffeningResponseMonitor
-
-        yield StiffeningResponseMonitor(compiled, model, basis, load_factor)
-
-
 def _tells(other: Indicator, one: Indicator) -> bool:
     """Whether the sentence of the other indicator of a body tells what that of one does.
 
@@ -389,24 +378,8 @@ def _tells(other: Indicator, one: Indicator) -> bool:
     if pair == {"omitted_stiffening", "stiffening"}:
         frequency, change = (one, other) if other.quantity == "stiffening" else (other, one)
         return (change.value < 2.0 * frequency.value) == (other is frequency)
-    if one.quantity == "stiffening_response" or other.quantity == "stiffening_response":
-        return _tells_response(other, one)
     better = {"stiffening": {"load_factor"}, "membrane_forces": {"stiffening", "load_factor"}}
     return other.quantity in better.get(one.quantity, ())
-
-
-def _tells_response(other: Indicator, one: Indicator) -> bool:
-    """The same where one of them is of vibrations without stiffening, to first order.
-
-    They count up to changes of stiffness that are told as such, and where their change of a sensor
-    is the larger one.
-    """
-    if one.quantity == "stiffening_response":
-        large = other.quantity == "omitted_stiffening" or _is_speed(other)
-        static = other.quantity in ("stiffening", "membrane_forces")
-        return large or static and 2.0 * other.value > one.value
-    static = one.quantity in ("stiffening", "membrane_forces")
-    return static and 2.0 * one.value <= other.value
 
 
 def _arrays(monitor: Monitor) -> dict[str, Any]:
