@@ -25,9 +25,10 @@ def test_what_is_told_of_random_mechanisms(method):
 
 @pytest.mark.seconds
 def test_runs_that_part_do_not_still_get_better():
-    """The last of three passes of a chaotic motion differs by 0.28, the one before by 0.63."""
+    """Passes of a chaotic motion differ by a third of it and more, whatever the steps."""
     model, duration = mechanism(716)
     model.set_dynamics(duration=duration, outputs=60, accuracy=1e-3)
     ended = dynamics(compile_system(model), model, Memory())
     (note,) = [note for note in ended.notes if "was asked for" in note]
-    assert "agree to it until t = 3.33" in note and "chaotic" in note
+    until = float(note.partition("agree to it until t = ")[2].split()[0])
+    assert 3.0 < until < 4.5 and "multiplies errors" in note and "better" not in note
