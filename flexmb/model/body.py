@@ -344,9 +344,8 @@ class BodySpec(Spec):
     def _check_markers(cls, value: Any) -> Any:
         for word in ("velocity", "angular_velocity") if isinstance(value, dict) else ():
             if isinstance(value.get(word), list | tuple):
-                raise fail(
-                    Problem(word, f'markers are named here; the body\'s own is "{word}" alone')
-                )
+                what = f'markers are named here; the body\'s own is "{word}" alone'
+                raise fail(Problem(word, what))
         return value
 
     @model_validator(mode="after")

@@ -76,7 +76,7 @@ from flexmb.model.model import Model
 from flexmb.results.output_block import OutputBlock
 from flexmb.units import percent
 
-#: Change of a position sensor over its range from which a run says so.
+#: Change of a sensor or reaction over its range from which a run says so.
 LARGEST_CHANGE = 0.01
 _NEAR = 0.4  # rotation between two bodies [rad], or speed over frequency, of another pose
 _MOST_POSES = 24
