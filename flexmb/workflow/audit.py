@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 from flexmb.errors import FlexmbError, ResultFileError, SceneError
 from flexmb.progress import Progress, silent
-from flexmb.workflow.effect import DEFORMATION, MEMBRANE, MODES, Effect, percent
+from flexmb.workflow.effect import DEFORMATION, MEMBRANE, MODES, UNBOUNDED, Effect, percent
 from flexmb.workflow.effect_estimates import Estimates
 from flexmb.workflow.neighbours import ModelVariants
 from flexmb.workflow.scene_effects import scene_effects
@@ -311,7 +311,8 @@ def _outcome(estimates: Estimates, effect: Effect, budget: float) -> EffectOutco
         return EffectOutcome(*fixed, 0.0, "", "", cost, WASTED if effect.on else SMALL)
     worst = max(changes, key=lambda one: (not one.by_symmetry, one.share))
     verdict = _verdict(effect.on, worst.share, budget)
-    value = estimates.of.model.units.say(worst.value, worst.unit, 2) if worst.unit else ""
+    bounded = worst.unit and worst.share <= UNBOUNDED
+    value = estimates.of.model.units.say(worst.value, worst.unit, 2) if bounded else ""
     shares = {one.sensor: one.share for one in changes}
     ringing = [one for one in changes if one.unresolved > _RINGING_SHARE * budget]
     doubt = _MODES_DOUBT if effect.name == MODES else _RINGING_DOUBT

@@ -27,6 +27,7 @@ MODES, DAMPING, GRAVITY, FRICTION = "further modes", "damping", "gravity", "fric
 OUT_OF_PLANE, MEMBRANE = "motion out of the plane", "membrane forces"
 RIGID, DYNAMIC = {"deformation": "rigid"}, {"deformation": "dynamic"}
 QUASI_STATIC = {"deformation": "quasi-static"}
+UNBOUNDED = 10.0  # share of a sensor above which no number is told
 _MORE_MODES = 2  # times as many modes tell what those left out would do
 FULL = {"inertia_coupling": "full", "geometric_stiffening": "full"}
 
@@ -147,6 +148,6 @@ def _couplings(
 
 def percent(share: float | None) -> str:
     """A contribution as a text; empty where there is none."""
-    if share is None or share > 10.0:
+    if share is None or share > UNBOUNDED:
         return "" if share is None else "unbounded"
     return units.percent(share)

@@ -246,6 +246,25 @@ def test_nothing_is_told_of_frequencies_that_are_right(speed, words):
     assert np.sort(hertz)[:4] == pytest.approx(true, rel=0.02)
 
 
+def test_a_free_motion_has_no_frequency_that_could_be_wrong():
+    """Of a free body between two wings 3e-6 Hz were "too low by about 16 %" within 0.75 s."""
+    made = Model("two wings")
+    made.add_body("body", mass=219, inertia=[14.6] * 3)
+    for name, sign in (("right", 1.0), ("left", -1.0)):
+        turned = {"axis": "z", "angle": 0.0 if sign > 0 else np.pi}
+        made.add_body(
+            name, mesh={"type": "plate", "length": 2.0, "width": 0.41, "divisions": [8, 3]},
+            sections={"surface": {"type": "shell", "thickness": 0.0486}}, material="aluminium",
+            interfaces={"root": "x0", "tip": "x1"}, modes=5, inertia_coupling="constant",
+            orientation=turned,
+        )  # fmt: skip
+        made.add_marker(f"body.{name}", orientation=turned)
+        made.add_joint(name, "revolute", between=[f"body.{name}", f"{name}.root"], axis="y")
+        made.add_driver(name, joint=name, angle=f"{0.5 * sign} * sin(10*t)*step5(t,0,0,0.31,1)")
+    made.set_dynamics(duration=0.75, outputs=100, accuracy=1e-4, verify=False)
+    assert not [note for note in flexmb.simulate(made).notes if "frequency" in note]
+
+
 def pulled(*forces):
     """Bars beside each other between pins, each with a force along it."""
     model = Model("bars", gravity=[0, 0, 0])

@@ -22,6 +22,10 @@ from flexmb.errors import FlexmbError
 from flexmb.flexbody.arrays import Array, IntArray
 
 _WORSE = 10.0  # largest motion of a dependent coordinate per unit of an independent one
+# Powers of the preferences by which coordinates are selected: each is tried if by that before the
+# motion of a dependent one over what joins it, a unit of an independent one, is more than _LARGE.
+# Near a pose that is singular for rigid bodies only modes as dependent coordinates move little.
+_POWERS, _LARGE = (1.0, 1.0 / 3.0, 0.0), 30.0
 _LEAST_ROWS, _MOST_ROWS = 8, 64  # least rows with one selection; most rows solved together
 _ROWS_OF_RANK = 8  # rows, about, in which motions without inertia are counted
 
@@ -44,11 +48,8 @@ def choose_coordinates(of: VariationalEquations, first: int, n: int) -> Independ
     Modes, and bodies that rotate little, are independent if possible, so that Z changes little with
     the motion.
     """
-    from scipy.linalg import qr
-
     _, rank, nu = of.Cq.shape
-    order = qr(of.Cq[first] * of.prefer, mode="r", pivoting=True)[1] if rank else np.arange(nu)
-    dependent, free = order[:rank], np.sort(order[rank:])
+    dependent, free = _select(of.Cq[first], of.prefer)
     Z, g = np.zeros((n - first, nu, nu - rank)), np.zeros((n - first, nu))
     Z[:, free] = np.eye(nu - rank)
     limit, k, some = np.inf, first, _LEAST_ROWS
@@ -67,6 +68,21 @@ def choose_coordinates(of: VariationalEquations, first: int, n: int) -> Independ
             return IndependentCoordinates(Z[:end], g[:end], free, dependent)
         k = own.stop
     return IndependentCoordinates(Z, g, free, dependent)
+
+
+def _select(Cq: Array, prefer: Array) -> tuple[IntArray, IntArray]:
+    """Dependent and independent coordinates for Cq (rank, nu) of one row."""
+    from scipy.linalg import qr
+
+    rank, nu = Cq.shape
+    dependent, free = np.arange(0), np.arange(nu)
+    for power in _POWERS if rank else ():
+        order = qr(Cq * prefer**power, mode="r", pivoting=True)[1]
+        dependent, free = order[:rank], np.sort(order[rank:])
+        moved = np.abs(np.linalg.solve(Cq[:, dependent], Cq[:, free])).max(axis=0, initial=0.0)
+        if np.all(moved <= _LARGE * np.fmax(1.0, np.linalg.norm(Cq[:, free], axis=0))):
+            break
+    return dependent, free
 
 
 class IndependentMotions:

@@ -163,14 +163,13 @@ class ValidityMonitor:
         if self._compiled.layout.nv > MAX_COORDINATES:
             return bars, errors
         bent = self._bars.bent_states() if self._bars else ()
-        states = [(*one, 0.0) for one in self._elasticity.fast_states()]
-        for begin, names, slowest in (*states, *((*one, self._slowest) for one in bent)):
+        for begin, names in (*self._elasticity.fast_states(), *bent):
             if set(names) <= set(bars):
                 continue
             with suppress(FlexmbError, np.linalg.LinAlgError):  # no equilibrium, or no inertia
                 made = _without_vibrations(self._compiled, self._model, begin, names[0])
                 row, contains = _row_of(made.state), self._elasticity.contains
-                of = self._load_factor, contains, slowest
+                of = self._load_factor, contains, self._slowest
                 every = _frequency_errors(made, row, *of)
                 bars += [one for one in every[0] if one in names]
                 errors += [one for one in every[1] if one.body in names]

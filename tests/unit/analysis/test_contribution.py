@@ -217,6 +217,15 @@ def test_no_small_number_is_told_where_a_sensor_rings_faster_than_the_rows(rings
     assert selection.words["rod"]["deformation"] == ("dynamic" if rings else "quasi-static")
 
 
+def test_no_number_is_told_of_what_is_unbounded() -> None:
+    of = SimpleNamespace(
+        estimate=lambda _: ([Contribution("pin", "m", np.finfo(float).max, 1e3)], None),
+        of=SimpleNamespace(model=SimpleNamespace(units=unit_system("SI"))),
+    )
+    made = _outcome(of, Effect("vibration", "rod", False, ""), 0.01)
+    assert (made.verdict, made.value) == ("missing", "")
+
+
 @pytest.mark.parametrize(
     ("name", "verdict"), [("further modes", "not known"), ("full inertia coupling", "may stay off")]
 )
