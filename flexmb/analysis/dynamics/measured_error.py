@@ -43,6 +43,13 @@ _NONE = np.zeros(0, np.intp)
 _LEAST_ERROR = 1e-15  # over the peak-to-peak
 # Difference over the peak-to-peak from which on two runs are different motions.
 _DIFFERENT_MOTION = 0.1
+# The same of the velocities of a motion that multiplies errors, which may be a small part of the
+# positions of a machine that runs on: of two rotors with backlash 1e-3, and 0.08 of their
+# velocities.
+_DIFFERENT_VELOCITIES = 0.03
+# Growth of the differences over that of the square of time from which a motion multiplies errors;
+# two chaotic pendulums had 20 and 213, an orbit 3, a driven pendulum that keeps its errors 10.
+MIN_GROWTH = 10.0
 # Student's t for three runs: 19 of 20 errors are within so many standard deviations.
 _QUANTILE_OF_THREE = 4.30
 # Rotation that counts as rest is relative to 1 rad, or to this share of the rotation of a body at
@@ -267,6 +274,7 @@ class MeasuredError:
         different = self._largest[0] > _DIFFERENT_MOTION * np.maximum(
             scales, comparison.motion_sizes()
         )
+        different |= self._parts_within_a_motion(apart)
         least = np.maximum(self._amplified, self._of_values)
         walk = comparison.shares(np.maximum(math.sqrt(steps) * self.round_off, least))
         falling = apart / (max(ratio, 1.0 + 1e-9) - 1.0)
@@ -281,6 +289,16 @@ class MeasuredError:
             own, of = comparison.shares(comparison.largest_values()), comparison.reactions
             errors[of] = np.minimum(errors[of], own[of])
         return errors, walk
+
+    def _parts_within_a_motion(self, apart: Array) -> bool:
+        """Whether the runs are different motions within a larger one that they share.
+
+        Their velocities show it, if the motion multiplies errors. `apart` (k,) are the largest
+        differences over the scales.
+        """
+        of = self.comparison.of_quantity.get("velocities", _NONE)
+        part = apart[of].max(initial=0.0) > _DIFFERENT_VELOCITIES
+        return bool(part and self.growth() >= MIN_GROWTH)
 
     def ratio_before(self) -> float:
         """Ratio of the errors of the two runs of the pass before, by this pass; 0: not known."""

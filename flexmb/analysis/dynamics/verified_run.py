@@ -26,7 +26,12 @@ import numpy as np
 from flexmb.analysis.chunked_run import Halt, meanwhile
 from flexmb.analysis.dynamics.integration import Integration
 from flexmb.analysis.dynamics.jump_states import JumpStates
-from flexmb.analysis.dynamics.measured_error import MeasuredError, QuantityError, error_statistics
+from flexmb.analysis.dynamics.measured_error import (
+    MIN_GROWTH,
+    MeasuredError,
+    QuantityError,
+    error_statistics,
+)
 from flexmb.analysis.dynamics.run_settings import (
     damps_vibrations,
     fine_settings,
@@ -66,9 +71,6 @@ _SCATTER = 2.0
 # reduced by the order of the method, but at most this share of the requested accuracy. Of 240 runs
 # of chaotic pendulums 24 state less than a third of the error without it, 10 with it.
 _EXPECTED_SHARE = 0.2
-# Growth of the differences over that of the square of time from which a motion multiplies errors;
-# two chaotic pendulums had 20 and 213, an orbit 3, a driven pendulum that keeps its errors 10.
-_MIN_GROWTH = 10.0
 # A step that ends where a contact force d^n does has an error of order n + 1, if n is no whole
 # number: its derivatives are infinite there. With radau and so many events over steps that they
 # count, the order is taken as n and this, between n + 1 and 5. Of 112 runs with balls that bounce
@@ -322,7 +324,7 @@ class VerifiedRun:
     @property
     def multiplies_errors(self) -> bool:
         """Whether the motion multiplies errors that an explicit method has made."""
-        return self.fine.method.stages > 0 and self.error.growth() >= _MIN_GROWTH
+        return self.fine.method.stages > 0 and self.error.growth() >= MIN_GROWTH
 
     @property
     def is_limited(self) -> bool:
