@@ -293,22 +293,22 @@ class FrequencyErrorMonitor:
             axes[body.iv : body.iv + 3, body.iv : body.iv + 3] = A.T
         X, Xd = axes @ S @ N @ T, axes @ S @ Nd @ T
         project = T.T @ N.T @ of.at.M @ np.linalg.inv(axes @ S)
-        moved = amplitudes_of(equations, tangents, S @ N @ T, np.fmax(omega, self._slowest))
-        turns = [rows.v[k, one.part][3:6] for one in self._bodies]
-        matrices = tuple((T.T @ one @ T) for one in (D, K))
         times = float(self._interval[0]), self._duration
         bodies = [
             replace(one, omega=np.sqrt(one.omega_squares(tension[[k]])[0]))
             for one, tension in zip(self._bodies, self._tension, strict=True)
         ]
-        columns = [one.columns for one in self._groups]
-        fast = UnresolvedVibrations.of(
-            bodies, (X, project), omega, matrices[0].diagonal(), moved, columns, times[0]
-        )  # fmt: skip
-        of_rows = X[:, seen], Xd[:, seen], project[seen]
-        matrices = tuple(one[np.ix_(seen, seen)] for one in matrices)
-        own = bodies, of_rows, omega[seen], matrices, moved[..., seen], turns, times
-        return PoseVibrations.of(*own), fast
+        some = seen | UnresolvedVibrations.drift_in(bodies, X, omega, times)
+        T, X, Xd, project = T[:, some], X[:, some], Xd[:, some], project[some]
+        omega, seen = omega[some], seen[some]
+        moved = amplitudes_of(equations, tangents, S @ N @ T, np.fmax(omega, self._slowest))
+        D, K = T.T @ D @ T, T.T @ K @ T
+        all_ = bodies, (X, project), omega, D.diagonal(), moved, self._groups, times
+        fast = UnresolvedVibrations.of(*all_)
+        of_rows, turns = np.ix_(seen, seen), [rows.v[k, one.part][3:6] for one in self._bodies]
+        motions = X[:, seen], Xd[:, seen], project[seen]
+        matrices, moved = (D[of_rows], K[of_rows]), moved[..., seen]
+        return PoseVibrations.of(bodies, motions, omega[seen], matrices, moved, turns, times), fast
 
     def _integrate(
         self, number: int, t: Array, h: Array, slopes: tuple[Array, Array], table: Array,

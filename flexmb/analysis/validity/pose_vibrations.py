@@ -35,7 +35,7 @@ from flexmb.model.model import Model
 from flexmb.model.reading import GROUND
 
 RESOLVED = 2.0  # phase of a vibration between two rows [rad] up to which rows show it
-_LEAST_PHASE = 5e-3  # by which vibrations get out of phase within the run, that counts [rad]
+LEAST_PHASE = 5e-3  # by which vibrations get out of phase within the run, that counts [rad]
 LEAST_CYCLES = 0.5  # of a vibration in the run
 _GROWTH = 0.02  # of a motion, over its frequency, from which it is unstable
 # Difference of a frequency in body axes from that in space, and drift over the largest, that count.
@@ -283,7 +283,7 @@ class FrequencyDrift:
     def get_out_of_phase(self, duration: float) -> NDArray[np.bool_]:
         """(k,) those that vibrate within a time [s] and get out of phase, even if at resonance."""
         phase = 2.0 * self.drift * duration
-        return np.asarray(self._vibrate(duration) & (phase >= _LEAST_PHASE))
+        return np.asarray(self._vibrate(duration) & (phase >= LEAST_PHASE))
 
     def _vibrate(self, duration: float) -> NDArray[np.bool_]:
         """(k,) whether they vibrate within a time [s]; others are free motions."""

@@ -11,13 +11,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
+from flexmb.analysis.linear.state_equations import ChannelGroup
 from flexmb.analysis.validity.body_accelerations import LackingBody
+from flexmb.analysis.validity.pose_vibrations import LEAST_PHASE
 from flexmb.flexbody.arrays import Array
 
 _NEARLY_RESOLVED = 1.4  # phase between two rows [rad] from which on some poses may not show one
@@ -47,9 +48,9 @@ class UnresolvedVibrations:
     @classmethod
     def of(
         cls, bodies: Sequence[LackingBody], motions: tuple[Array, Array], omega: Array,
-        damping: Array, moved: Array, groups: Sequence[Any], interval: float,
+        damping: Array, moved: Array, groups: Sequence[ChannelGroup], times: tuple[float, float],
     ) -> UnresolvedVibrations:  # fmt: skip
-        """Of vibrations those that rows at an interval [s] may not resolve.
+        """Of vibrations those that are unresolved and get out of phase.
 
         Parameters
         ----------
@@ -61,18 +62,28 @@ class UnresolvedVibrations:
             Frequencies [rad/s]; twice the rates at which they decay [1/s].
         moved : (2, n, k) array
             Change of channels and reactions by amplitudes, and by rates.
-        groups : sequence
-            The columns of each group of these.
-        interval : float
-            Between rows [s].
+        groups : sequence of ChannelGroup
+            These.
+        times : tuple of float
+            Interval between rows and duration of the run [s].
         """
-        fast = omega * interval >= _NEARLY_RESOLVED
+        fast = cls.drift_in(bodies, motions[0], omega, times)
         X, project, omega = motions[0][:, fast], motions[1][fast], omega[fast]
-        missing = [(X[one.part] * (one.missing @ X[one.part])).sum(axis=0) for one in bodies]
-        shares, decay = 0.5 * omega**3 * missing, 0.5 * damping[fast].clip(0.0)
+        shares, decay = _drifts(bodies, X, omega), 0.5 * damping[fast].clip(0.0)
         sizes = np.hypot(moved[0, :, fast], omega[:, None] * moved[1, :, fast]).T
-        by_group = np.array([np.linalg.norm(sizes[one], axis=0) for one in groups])
+        by_group = np.array([np.linalg.norm(sizes[one.columns], axis=0) for one in groups])
         return cls(X, project, omega, decay, shares.sum(axis=0), shares, by_group)
+
+    @staticmethod
+    def drift_in(
+        bodies: Sequence[LackingBody], X: Array, omega: Array, times: tuple[float, float]
+    ) -> NDArray[np.bool_]:
+        """(k,) which vibrations X (nv, k) rows may not resolve, and get out of phase in a run.
+
+        `times` are the interval between rows and the duration of the run [s].
+        """
+        out_of_phase = 2.0 * _drifts(bodies, X, omega).sum(axis=0) * times[1] >= LEAST_PHASE
+        return np.asarray((omega * times[0] >= _NEARLY_RESOLVED) & out_of_phase)
 
     def sizes(self, changes: Array, interval: float) -> Array:
         """(t, k) amplitudes by the changes of `UnresolvedChanges` in rows at an interval [s]."""
@@ -157,6 +168,12 @@ class UnresolvedChanges:
             differ = left[k] * self._limits[0] + pose.drift * h[k] * now
             self._limits[0] = limits[k] = np.minimum(differ, 2.0 * self._limits[1])
         return limits
+
+
+def _drifts(bodies: Sequence[LackingBody], X: Array, omega: Array) -> Array:
+    """(bodies, k) by which frequencies of motions X (nv, k) are too large, by each [rad/s]."""
+    missing = [(X[one.part] * (one.missing @ X[one.part])).sum(axis=0) for one in bodies]
+    return np.asarray(0.5 * omega**3 * missing)
 
 
 def _changes(t: Array, values: Array) -> Array:
