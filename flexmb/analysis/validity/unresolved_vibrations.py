@@ -26,6 +26,7 @@ _LASTING = 5  # successive rows of which a vibration is in most
 # Least frequency, over that of a vibration, of what counts as one: in slow motions accelerations
 # are smaller against velocities.
 _SLOW = 0.1
+_MOST_TURN = 0.1  # of a body between two rows [rad]
 _SAME_SHAPE = 0.5  # share of a vibration in one of another pose that is the same
 _SPREAD = 0.03  # of frequencies in poses that are near one
 _SHARE_LEFT = 0.9  # least amplitude in the next row, over that in one: it may be damped by a method
@@ -139,8 +140,10 @@ class UnresolvedChanges:
         self._before = every[-_LASTING - 3 :]
         rates, once = (_changes(every[:, 0, k], every[:, 1:, k]) for k in (0, 1))
         changes = np.array([once[1:-1], _changes(every[1:-1, 0, 1], once), rates[1:-1]])
-        squares = np.zeros((2, changes.shape[1]))
-        for one in bodies:
+        squares, h = np.zeros((2, changes.shape[1])), np.diff(every[1:-1, 0, 0])[1:]
+        for one in bodies:  # in axes that turn far between rows slow motions are fast
+            omega = every[3:-1, 1:, 0][:, one.part][:, 3:6]
+            changes[:, np.linalg.norm(omega, axis=1) * h > _MOST_TURN] = 0.0
             own = changes[:2, :, one.part]
             squares += ((own @ one.accelerations.mass) * own).sum(axis=2)
         once, twice = np.sqrt(squares)[..., None]
