@@ -31,7 +31,7 @@ _SAME_SHAPE = 0.5  # share of a vibration in one of another pose that is the sam
 _SPREAD = 0.03  # of frequencies in poses that are near one
 _SHARE_LEFT = 0.9  # least amplitude in the next row, over that in one: it may be damped by a method
 # What is seen of an amplitude: at least; of nearly all vibrations.
-_LEAST_GAIN, _MOST_GAIN = 0.03, 0.3
+_LEAST_GAIN, _MOST_GAIN = 0.09, 0.3
 
 
 @dataclass(frozen=True, eq=False)
