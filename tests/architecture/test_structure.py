@@ -13,8 +13,8 @@ from tests.benchmarks import structure
 
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
-    "files": 401,
-    "lines": 109_500,
+    "files": 402,
+    "lines": 109_660,
     "participles": 30,
     "base names of three and more files": 0,
     _ALL: 0,

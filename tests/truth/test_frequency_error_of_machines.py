@@ -10,6 +10,7 @@ import pytest
 from frequencykit import OMEGA, STEEL, L, beam, error, error_told_of, ran, told
 
 from flexmb.analysis.validity.modal_basis import ModalBasisMonitor
+from flexmb.analysis.validity.unresolved_vibrations import UnresolvedChanges, UnresolvedVibrations
 from flexmb.engine.compile import compile_system
 from flexmb.flexbody import load
 from flexmb.model import Model
@@ -138,3 +139,83 @@ def test_modes_under_tension_do_not_depend_on_where_chunks_end(tmp_path):
     assert values[0][0] > 1e-3
     np.testing.assert_allclose(values[0], values[2], rtol=1e-6)
     np.testing.assert_allclose(values[1], values[2], rtol=1e-6)
+
+
+def falling(modes, start="undeformed"):
+    """A pendulum of a thin rod with a bob that falls from level."""
+    model = Model("pendulum", gravity=[0, -9.81, 0])
+    beam(model, "rod", modes, height=0.01, depth=0.01, stress="none")
+    model.add_body("bob", mass=1.0, inertia=[0.01] * 3, position=[L, 0, 0])
+    model.add_joint("hinge", "revolute", between=["ground", "rod.root"], axis="z")
+    model.add_joint("glue", "fixed", between=["rod.tip", "bob"])
+    model.add_sensor("bob", "position", of="bob")
+    model.set_dynamics(duration=1.0, outputs=200, accuracy=1e-5, start=start, verify=False)
+    return model
+
+
+@pytest.mark.seconds
+@pytest.mark.parametrize(("modes", "least"), [(2, 0.4), (6, 0.05)])
+def test_vibrations_that_rows_do_not_resolve_are_told_their_phase(modes, least, tmp_path):
+    """20 % of the moment at a bob were told for 45 % with two modes, and nothing for 6 % with
+    six, whose vibrations of 255 Hz turn by 8 rad from row to row."""
+    few, (note,) = ran(falling(modes), tmp_path / "few")
+    full, _ = ran(falling(14), tmp_path / "full")
+    off = error_told_of(note, few, full)
+    assert "moment of joints.glue" in note and off > least
+    assert 0.6 * off < told(note) < 1.5 * off
+
+
+@pytest.mark.parametrize("modes", [2, 6])
+def test_a_deflection_that_follows_its_load_is_no_vibration(modes, tmp_path):
+    assert not ran(falling(modes, "quasi-static"), tmp_path)[1]
+
+
+class _Mass:
+    """A body of one motion and unit mass."""
+
+    class accelerations:
+        mass = np.eye(1)
+
+    part = slice(0, 1)
+
+
+def amplitudes(phase, accelerations, rates, rows=200, interval=1e-3):
+    """Those of a vibration with a phase between two rows, by functions of time."""
+    t, omega, one = interval * np.arange(rows), phase / interval, np.ones((1, 1))
+    vibration = UnresolvedVibrations(one, one, np.array([omega]), *[np.zeros(1)] * 2, one, one)
+    motions = tuple(x(t, omega)[:, None] for x in (rates, accelerations))
+    whole = UnresolvedChanges().add(t, motions, [_Mass()])
+    parts, changes = UnresolvedChanges(), []
+    for first in range(0, rows, 7):
+        part = slice(first, first + 7)
+        changes.append(
+            parts.add(t[part], [x[part] for x in motions], [_Mass()])[:, -len(t[part]) :]
+        )
+    np.testing.assert_array_equal(np.hstack(changes), whole[:, -rows:])
+    return vibration.sizes(whole, interval)[20:, 0]
+
+
+@pytest.mark.parametrize("phase", [1.5, 2.1, 3.0, 4.5, 8.0, 21.3])
+def test_amplitudes_of_vibrations_that_rows_do_not_resolve(phase):
+    """Of 2 µm beside a motion of 1 m at 3 rad/s, whose acceleration is up to 1e6 times as large."""
+
+    def acceleration(t, omega):
+        return -2e-6 * omega**2 * np.cos(omega * t) - 9.0 * np.cos(3.0 * t)
+
+    def rate(t, omega):
+        return -2e-6 * omega * np.sin(omega * t) - 3.0 * np.sin(3.0 * t)
+
+    sizes = amplitudes(phase, acceleration, rate)
+    assert np.median(sizes) == pytest.approx(2e-6, rel=0.35)
+
+
+@pytest.mark.parametrize("phase", [1.5, 3.0, 6.2, 12.6, 21.3])
+def test_slow_motions_and_jumps_are_no_vibrations(phase):
+    def acceleration(t, omega):
+        return -9.0 * np.cos(3.0 * t) - 40.0 * np.cos(20.0 * t) + 5.0 * (t > 0.1)
+
+    def rate(t, omega):
+        return -3.0 * np.sin(3.0 * t) - 2.0 * np.sin(20.0 * t) + 5.0 * (t - 0.1).clip(0.0)
+
+    follows = 40.0 / (phase / 1e-3) ** 2  # static deflection by the largest acceleration
+    assert amplitudes(phase, acceleration, rate).max() < 0.01 * follows

@@ -254,6 +254,15 @@ def multipliers_of(at: Tangents, forces: Array) -> Array:
     return np.asarray(np.linalg.lstsq(A, right, rcond=None)[0][len(mass) :] / size)
 
 
+def amplitudes_of(equations: StateEquations, at: Tangents, X: Array, omega: Array) -> Array:
+    """(2, channels + 12 n, k) changes of sensors and reactions by vibrations X (nv, k), and by
+    their rates."""
+    lam = multipliers_of(at, at.M @ X * omega**2 - at.K @ X)
+    own = sensor_amplitudes(equations, omega, X, lam)
+    own[1] /= omega
+    return own
+
+
 class ChannelGroup(NamedTuple):
     """Columns of sensors, followed by reactions, that are one quantity."""
 

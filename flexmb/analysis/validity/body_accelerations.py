@@ -153,9 +153,9 @@ class BodyAccelerations:
         return a, rows.vd[:, iv + 3 : iv + 6], rows.v[:, iv + 3 : iv + 6]
 
 
-def velocities_in_body_axes(layout: Layout, rows: OutputBlock) -> Array:
-    """(t, nv) velocities, translations of bodies in their axes as well."""
-    v = rows.v.copy()
+def in_axes_of_bodies(layout: Layout, rows: OutputBlock, v: Array) -> Array:
+    """(t, nv) velocities or accelerations, translations of bodies in their axes as well."""
+    v = v.copy()
     for one in layout.bodies:
         p = rows.q[:, one.iq + 3 : one.iq + 7]
         v[:, one.iv : one.iv + 3] = in_body_axes(p, v[:, one.iv : one.iv + 3])

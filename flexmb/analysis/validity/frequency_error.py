@@ -17,10 +17,10 @@ lowered as they should be (:mod:`flexmb.analysis.validity.pose_vibrations`). Acc
 second derivative of S are those in space, where a shaft that turns faster than it whirls moves
 slowly (:mod:`flexmb.analysis.validity.body_accelerations`). Where the modes begin at rest those
 that are left out do too, so that the rate of S jumps from zero there. S is taken as linear between
-rows, which is solved exactly; vibrations that the rows do not resolve are left out. Matrices are
-those of the row, with the springs, forces and damping there; they are computed again where the pose
-or the speed of rotation differs, and used for all rows near it. Loads at nodes move the modes that
-are left out too.
+rows, which is solved exactly. Of vibrations that the rows do not resolve the amplitudes count, and
+their phase (:mod:`flexmb.analysis.validity.unresolved_vibrations`). Matrices are those of the row,
+with the springs, forces and damping there; they are computed again where the pose or the speed of
+rotation differs, and used for all rows near it. Loads at nodes move what is left out too.
 
 An undamped vibration is δ = ∫ cos ω(t − s) dS(s), so that the total variation of S, in norms of the
 mass matrices of the bodies, is a bound of δ whatever the frequencies, poses and joints. While it is
@@ -34,6 +34,7 @@ by twice that at most: no more is counted (`PoseVibrations.phase_limits`).
 from __future__ import annotations
 
 from collections.abc import Iterator
+from copy import copy
 from dataclasses import replace
 from functools import partial
 
@@ -46,18 +47,16 @@ from flexmb.analysis.assembly.mechanism_modes import mobilities
 from flexmb.analysis.linear.observer import MinimalEquations, RowsAlongMotion, body_axes
 from flexmb.analysis.linear.state_equations import (
     StateEquations,
-    Tangents,
+    amplitudes_of,
     by_unit,
     channel_groups,
-    multipliers_of,
-    sensor_amplitudes,
     which_move,
 )
 from flexmb.analysis.monitors import Indicator
 from flexmb.analysis.validity.body_accelerations import (
     MAX_PHASE_STEP,
     LackingBody,
-    velocities_in_body_axes,
+    in_axes_of_bodies,
 )
 from flexmb.analysis.validity.linear_elasticity import flexible_columns
 from flexmb.analysis.validity.modal_basis import ModalBasisMonitor
@@ -66,8 +65,9 @@ from flexmb.analysis.validity.pose_vibrations import (
     PoseVibrations,
     energies_of_vibrations,
     relative_rotations,
-    rotations_of,
+    rotations_between,
 )
+from flexmb.analysis.validity.unresolved_vibrations import UnresolvedChanges, UnresolvedVibrations
 from flexmb.engine.allocation import new_state
 from flexmb.engine.bodies.static_modes import static_coordinates
 from flexmb.engine.compile import Compiled
@@ -113,7 +113,7 @@ class FrequencyErrorMonitor:
         groups = channel_groups(compiled, model, self._n) if self._bodies else ()
         self._groups = [one for one in groups if one.derivatives >= 0]
         self._powers = np.array([one.derivatives for one in self._groups], np.int64)
-        self._poses: list[tuple[Array, PoseVibrations]] = []
+        self._poses: list[tuple[Array, PoseVibrations, UnresolvedVibrations]] = []
         self._equations: StateEquations | None = None
         self._reach: tuple[Array, list[Array]] | None = None
         self._variation, self._counts = np.zeros(1), np.zeros(1, bool)
@@ -131,6 +131,7 @@ class FrequencyErrorMonitor:
         self._since = np.full(1, np.inf)  # when the integration began
         self._row = np.zeros((0, 1))  # time and forces of the last row, and their last rate
         self._limits, self._limited = np.zeros((2, 0)), np.array(-1)  # of vibrations; their pose
+        self._unresolved = UnresolvedChanges()
         self._state = np.zeros(2 * (nv + n_o))  # difference of the motion, body axes; of y; rates
         self._least, self._most = np.array(np.inf), np.array(-np.inf)  # range of all channels
         self._largest = np.zeros((4, len(self._groups)))  # change; time; mode: frequency, shift
@@ -153,7 +154,7 @@ class FrequencyErrorMonitor:
             at_rest = all(not rows.v[0, one.part][6:].any() for one in self._bodies)
             rates = np.full(table.shape[1], 0.0 if at_rest else np.nan)
             self._row = np.vstack([table[0], rates])
-        motions = velocities_in_body_axes(self._compiled.layout, rows)
+        motions = in_axes_of_bodies(self._compiled.layout, rows, rows.v)
         every = np.vstack([self._row[0], table])
         h = np.diff(every[:, 0])
         if not self._interval[0]:
@@ -161,17 +162,20 @@ class FrequencyErrorMonitor:
                 return
             self._interval = np.array([np.median(h[h > 0.0])])
         slopes = self._slopes(every, h)
+        self._unresolved = copy(self._unresolved)
+        both = motions, in_axes_of_bodies(self._compiled.layout, rows, rows.vd)
+        changes = self._unresolved.add(rows.t, both, self._bodies)
         self._counts |= self._may_count(slopes[1] * h[:, None])
         if not self._counts[0]:
             self._rest(table[-1])
             return
         near = self._near(rows)
         for part in np.split(np.arange(len(near)), np.flatnonzero(np.diff(near)) + 1):
-            at = slice(part[0], part[-1] + 1)
-            self._integrate(
-                near[part[0]], rows.t[at], h[at], (slopes[0][at], slopes[1][at]), table[at],
-                motions[at],
-            )  # fmt: skip
+            at, number = slice(part[0], part[-1] + 1), near[part[0]]
+            both = slopes[0][at], slopes[1][at]
+            self._integrate(number, rows.t[at], h[at], both, table[at], motions[at])
+            own = changes[:, at.start : changes.shape[1] - len(h) + at.stop]
+            self._add_unresolved(number, rows.t[at], h[at], own)
 
     def _table(self, rows: OutputBlock) -> Array:
         """(t, columns) time; forces: S of each body, in body axes, then y of its modes;
@@ -217,7 +221,8 @@ class FrequencyErrorMonitor:
         fastest = RESOLVED / self._interval[0]
         force, size = float(np.sqrt(self._mass)), self._compiled.length
         bounds = by_unit(self._groups, force, force * size, reach[1], reach[0])
-        changes = 2.0 * self._variation[0] * bounds * fastest**self._powers  # of both ends
+        size = max(self._variation[0], self._unresolved.largest / fastest**2)
+        changes = 2.0 * size * bounds * fastest**self._powers  # of both ends
         return not bool(np.all(changes <= _SMALL_CHANGE * self._ranges()))
 
     def _ranges(self) -> Array:
@@ -231,19 +236,18 @@ class FrequencyErrorMonitor:
         """(t,) number of the pose whose vibrations count for each row; new ones are computed."""
         marks, near = self._marks(rows), np.zeros(len(rows.t), np.int64)
         if not self._poses:
-            self._poses.append((marks[0], self._pose(rows, 0)))
-        away = [np.linalg.norm(marks - mark, axis=1) for mark, _ in self._poses]
+            self._poses.append((marks[0], *self._pose(rows, 0)))
+        away = [np.linalg.norm(marks - mark, axis=1) for mark, *_ in self._poses]
         first = 0
         while first < len(marks):
-            most = _MOST_POSES
-            if all(pose.is_exact(self._duration) for _, pose in self._poses):
-                most = _EXACT_POSES
+            exact = all(pose.is_exact(self._duration) for _, pose, _ in self._poses)
+            most = _EXACT_POSES if exact else _MOST_POSES
             to_pose = np.array(away)[:, first:]
             far = np.flatnonzero(to_pose.min(axis=0) > _NEAR)
             last = first + int(far[0]) if len(far) and len(away) < most else len(marks)
             near[first:last] = to_pose[:, : last - first].argmin(axis=0)
             if last < len(marks):
-                self._poses.append((marks[last], self._pose(rows, last)))
+                self._poses.append((marks[last], *self._pose(rows, last)))
                 near[last] = len(away)
                 away.append(np.linalg.norm(marks - marks[last], axis=1))
             first = last + 1
@@ -251,26 +255,19 @@ class FrequencyErrorMonitor:
 
     def _marks(self, rows: OutputBlock) -> Array:
         """(t, n) rotations between bodies; speeds of flexible ones over a frequency; tension."""
-        A = {-1: np.broadcast_to(np.eye(3), (len(rows.t), 3, 3))}
-        for k, body in enumerate(self._compiled.layout.bodies):
-            A[k] = rotations_of(rows.q[:, body.iq + 3 : body.iq + 7])
-        parts = [
-            np.einsum("tij,tik->tjk", A[i], A[j]).reshape(len(rows.t), 9) / np.sqrt(2.0)
-            for i, j in self._joined
-        ]
+        parts = rotations_between(self._compiled, self._joined, rows.q)
         for n, (one, tension) in enumerate(zip(self._bodies, self._tension, strict=True)):
             mass = max(np.linalg.eigvalsh(one.body.M_eta)[-1], 1e-300)  # the largest modal one
             lowest = np.sqrt(np.linalg.eigvalsh(one.body.K)[0] / mass)
             iv = one.columns.iv
             parts.append(rows.v[:, iv + 3 : iv + 6] / lowest)
             largest = np.maximum.accumulate(np.append(self._tightest[n], tension))[1:]
-            self._tightest = np.where(
-                np.arange(len(self._bodies)) == n, largest[-1], self._tightest
-            )
+            own = np.arange(len(self._bodies)) == n
+            self._tightest = np.where(own, largest[-1], self._tightest)
             parts.append(np.log1p(largest / one.tightening[1])[:, None])
         return np.hstack(parts)
 
-    def _pose(self, rows: OutputBlock, k: int) -> PoseVibrations:
+    def _pose(self, rows: OutputBlock, k: int) -> tuple[PoseVibrations, UnresolvedVibrations]:
         """The vibrations about row k."""
         compiled = self._compiled
         if self._equations is None:
@@ -290,30 +287,28 @@ class FrequencyErrorMonitor:
             squares, T = np.zeros(0), np.zeros((len(M), 0))
         omega = np.sqrt(squares.clip(0.0))
         seen = omega * self._interval[0] < RESOLVED
-        omega, T = omega[seen], T[:, seen]
         S = of.change.S  # from the axes of the observer to those of the engine
         axes = np.eye(len(S))  # from those to body axes
         for body, A in zip(compiled.layout.bodies, body_axes(compiled, state.q), strict=True):
             axes[body.iv : body.iv + 3, body.iv : body.iv + 3] = A.T
         X, Xd = axes @ S @ N @ T, axes @ S @ Nd @ T
         project = T.T @ N.T @ of.at.M @ np.linalg.inv(axes @ S)
-        moved = self._seen(equations, tangents, S @ N @ T, omega)
-        turns = [rows.v[k, one.part][3:6] for one in self._bodies]
-        matrices = T.T @ D @ T, T.T @ K @ T
-        times, motions = (float(self._interval[0]), self._duration), (X, Xd, project)
+        times = float(self._interval[0]), self._duration
         bodies = [
             replace(one, omega=np.sqrt(one.omega_squares(tension[[k]])[0]))
             for one, tension in zip(self._bodies, self._tension, strict=True)
         ]
-        return PoseVibrations.of(bodies, motions, omega, matrices, moved, turns, times)
-
-    def _seen(self, equations: StateEquations, at: Tangents, X: Array, omega: Array) -> Array:
-        """(2, n, d) change of channels and reactions by motions X (nv, d), and by their rates."""
-        omega = np.fmax(omega, self._slowest)  # those of free motions by the run
-        lam = multipliers_of(at, at.M @ X * omega**2 - at.K @ X)
-        own = sensor_amplitudes(equations, omega, X, lam)
-        own[1] /= omega
-        return own
+        some = seen | UnresolvedVibrations.drift_in(bodies, X, omega, times)
+        T, X, Xd, project = T[:, some], X[:, some], Xd[:, some], project[some]
+        omega, seen = omega[some], seen[some]
+        moved = amplitudes_of(equations, tangents, S @ N @ T, np.fmax(omega, self._slowest))
+        D, K = T.T @ D @ T, T.T @ K @ T
+        all_ = bodies, (X, project), omega, D.diagonal(), moved, self._groups, times
+        fast = UnresolvedVibrations.of(*all_)
+        of_rows, turns = np.ix_(seen, seen), [rows.v[k, one.part][3:6] for one in self._bodies]
+        motions = X[:, seen], Xd[:, seen], project[seen]
+        matrices, moved = (D[of_rows], K[of_rows]), moved[..., seen]
+        return PoseVibrations.of(bodies, motions, omega[seen], matrices, moved, turns, times), fast
 
     def _integrate(
         self, number: int, t: Array, h: Array, slopes: tuple[Array, Array], table: Array,
@@ -364,6 +359,15 @@ class FrequencyErrorMonitor:
         end = states[-1]
         rates = pose.shapes @ end[n : n + d] + pose.shape_rates @ end[:d]
         self._state = np.concatenate([pose.shapes @ end[:d], end[d:n], rates, end[n + d :]])
+
+    def _add_unresolved(self, number: int, t: Array, h: Array, changes: Array) -> None:
+        """Update the largest changes by vibrations that the rows do not resolve."""
+        (_, pose, fast), poses = self._poses[number], [one for *_, one in self._poses]
+        limits = self._unresolved.limits(poses, number, h, changes, float(self._interval[0]))
+        counts = ~((self._powers == 2) & pose.own.is_turned(self._duration))
+        largest, body = fast.largest_changes(limits, t, self._largest, self._body)
+        self._largest = np.where(counts, largest, self._largest)
+        self._body = np.where(counts, body, self._body)
 
     def _rest(self, row: Array) -> None:
         """Go to a row of the table without a difference of the motion."""

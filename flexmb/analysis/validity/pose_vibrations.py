@@ -35,7 +35,7 @@ from flexmb.model.model import Model
 from flexmb.model.reading import GROUND
 
 RESOLVED = 2.0  # phase of a vibration between two rows [rad] up to which rows show it
-_LEAST_PHASE = 5e-3  # by which vibrations get out of phase within the run, that counts [rad]
+LEAST_PHASE = 5e-3  # by which vibrations get out of phase within the run, that counts [rad]
 LEAST_CYCLES = 0.5  # of a vibration in the run
 _GROWTH = 0.02  # of a motion, over its frequency, from which it is unstable
 # Difference of a frequency in body axes from that in space, and drift over the largest, that count.
@@ -283,7 +283,7 @@ class FrequencyDrift:
     def get_out_of_phase(self, duration: float) -> NDArray[np.bool_]:
         """(k,) those that vibrate within a time [s] and get out of phase, even if at resonance."""
         phase = 2.0 * self.drift * duration
-        return np.asarray(self._vibrate(duration) & (phase >= _LEAST_PHASE))
+        return np.asarray(self._vibrate(duration) & (phase >= LEAST_PHASE))
 
     def _vibrate(self, duration: float) -> NDArray[np.bool_]:
         """(k,) whether they vibrate within a time [s]; others are free motions."""
@@ -413,11 +413,18 @@ def relative_rotations(compiled: Compiled, model: Model) -> list[tuple[int, int]
     return sorted(pairs)
 
 
-def rotations_of(p: Array) -> Array:
-    """(t, 3, 3) direction cosines of Euler parameters (t, 4)."""
+def rotations_between(
+    compiled: Compiled, pairs: Sequence[tuple[int, int]], q: Array
+) -> list[Array]:
+    """(t, 9) direction cosines, over √2, between each pair of bodies at positions q (t, nq)."""
     from scipy.spatial.transform import Rotation
 
-    return np.asarray(Rotation.from_quat(np.roll(p, -1, axis=1)).as_matrix())
+    A = {-1: np.broadcast_to(np.eye(3), (len(q), 3, 3))}
+    for k, body in enumerate(compiled.layout.bodies):
+        p = np.roll(q[:, body.iq + 3 : body.iq + 7], -1, axis=1)
+        A[k] = np.asarray(Rotation.from_quat(p).as_matrix())
+    both = [np.einsum("tij,tik->tjk", A[i], A[j]) for i, j in pairs]
+    return [one.reshape(len(q), 9) / np.sqrt(2.0) for one in both]
 
 
 def _vibrations(D: Array, K: Array, unit: float) -> tuple[Complex, Complex, Complex]:

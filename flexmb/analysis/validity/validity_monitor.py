@@ -44,6 +44,7 @@ from flexmb.analysis.validity.omitted_stiffening import (
 )
 from flexmb.analysis.validity.omitted_vibrations import OmittedVibrationMonitor, VibrationResponse
 from flexmb.analysis.validity.pose_vibrations import LEAST_CYCLES, errors_by_omission
+from flexmb.analysis.validity.unresolved_vibrations import UnresolvedChanges
 from flexmb.engine.bodies.static_mode_tables import StaticModes
 from flexmb.engine.bodies.static_modes import STATIC_MODES
 from flexmb.engine.compile import Compiled
@@ -383,5 +384,5 @@ def _tells(other: Indicator, one: Indicator) -> bool:
 
 def _arrays(monitor: Monitor) -> dict[str, Any]:
     """The state of a monitor: its arrays, which it replaces when it changes them, and tables."""
-    kinds = (np.ndarray, VibrationResponse, dict)
+    kinds = (np.ndarray, VibrationResponse, UnresolvedChanges, dict)
     return {name: value for name, value in vars(monitor).items() if isinstance(value, kinds)}
