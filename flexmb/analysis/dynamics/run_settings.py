@@ -220,9 +220,7 @@ def loop_settings(
         static_after_step=int(
             static is not None and (integrator.stages > 0 or bool(static.kinetostatic.any()))
         ),
-        grows_after_events=int(
-            integrator.collocation > 0 and math.isinf(least_fractional_exponent(compiled))
-        ),
+        fractional=int(math.isfinite(least_fractional_exponent(compiled))),
     )
 
 
