@@ -35,7 +35,7 @@ from flexmb.engine.equations_of_motion import (
     velocity_stage,
 )
 from flexmb.engine.jit import kernel, unit
-from flexmb.engine.method import SUCCESS, time_round_off
+from flexmb.engine.method import SUCCESS, count_passed, next_end, time_round_off
 from flexmb.engine.projection import VELOCITIES, accelerations, put_vd_round_off
 from flexmb.engine.state import Run
 
@@ -47,6 +47,11 @@ from flexmb.engine.state import Run
 # steps within 5 %. If a law jumps, no stage knows its side: there steps are shortened until the one
 # that crosses moves the model by a small share of the accuracy.
 _AIM_BEFORE, _MAX_OVERRUN, _AIM_BEYOND = 0.98, 3e-4, 1.01
+# Where a force d^n of a fractional n ends, its derivatives are infinite: the error of a step up to
+# there falls as its h^(n + 1), whatever the order. So a step of an explicit method that goes beyond
+# that, or would if it were _NEAR_END times as long, ends at _AIM_BEFORE_END of the way to it: that
+# reduces the error a hundredfold, for one more step.
+_AIM_BEFORE_END, _NEAR_END = 0.8, 1.1
 _MAX_TRIES = 10
 # Events shorten steps to no less than the smaller of these shares: of the duration of the run, and
 # of its longest step so far (equal in a run of two steps). A step that ends beyond an event by d
@@ -203,6 +208,18 @@ def _crosses_jump(events, share):
     return False
 
 
+@kernel
+def _end_of_force(events):
+    """Share of the step, or of a longer one, at which the first contact or stop ends; inf: none."""
+    share = math.inf
+    for k in range(events.now.shape[0]):
+        a, b = events.before[k]["value"], events.now[k]["value"]
+        is_depth = not (events.now[k]["of_law"] > 0.0 or math.isnan(events.now[k]["rate"]))
+        if is_depth and a > 0.0 and b < a:
+            share = min(share, a / (a - b))
+    return share
+
+
 @unit
 def has_inner_event(run: Run, h: float) -> int:
     """1 if the proposed step of size h has an event well inside, so that it is repeated shorter."""
@@ -218,17 +235,21 @@ def has_inner_event(run: Run, h: float) -> int:
     longest = max(memory["step_before_event"], h) if memory["event_trials"] > 0.0 else h
     near = share * h <= 2.0 * (1.0 - _AIM_BEFORE) * longest
     enough = (1.0 - share) * h <= _MAX_OVERRUN * longest
-    least = _MIN_STEP_FRACTION * (settings.end - settings.start)
     shortest = max(_MIN_PART * memory["largest_step"], _MIN_STEPS * time_round_off(settings))
-    least = min(least, shortest)
+    least = min(_MIN_STEP_FRACTION * (settings.end - settings.start), shortest)
     if laws and _crosses_jump(events, share):
         near, enough = near and _hardly_moves(run, h, _AIM_BEYOND * share), False
         if run.method.stages > 0:  # implicit methods divide round-off of positions by the step
             least = min(least, _MIN_STEPS * time_round_off(settings))
         tried = memory["event_trials"] >= 2.0 * _MAX_TRIES
+    aim = _AIM_BEYOND if near else _AIM_BEFORE
+    if settings.fractional == 1 and run.method.stages > 0 and elements:
+        end = _end_of_force(events)
+        is_first = end <= share or (share == 1.0 and end < _NEAR_END)
+        if is_first and end * h > 2.0 * (1.0 - _AIM_BEFORE) * longest:
+            share, aim, enough = end, _AIM_BEFORE_END, False
     if enough or tried:
         return 0
-    aim = _AIM_BEYOND if near else _AIM_BEFORE
     if memory["event_trials"] == 0.0:
         memory["step_before_event"] = h
     shorter = max(h * max(share * aim, 1e-3), least)
@@ -306,28 +327,6 @@ def accept_events(run: Run, h: float) -> int:
     return SUCCESS
 
 
-@kernel
-def next_end(time_events, t, end):
-    """Latest end of a step that begins at t [s]: the next time event, or the end of the run."""
-    k = _count_passed(time_events, t)
-    if k < time_events.shape[0]:
-        return min(time_events[k, 0], end)
-    return end
-
-
-@kernel
-def _count_passed(time_events, t):
-    """Number of time events whose time just before is t or earlier."""
-    low, high = 0, time_events.shape[0]
-    while low < high:
-        middle = (low + high) // 2
-        if time_events[middle, 0] <= t:
-            low = middle + 1
-        else:
-            high = middle
-    return low
-
-
 @unit
 def cross_time_event(run: Run, cp: float) -> int:
     """Take a state just before a time event to just after it; returns the status.
@@ -336,7 +335,7 @@ def cross_time_event(run: Run, cp: float) -> int:
     jump within the tolerance of the next step does not reset the memory of the step control.
     """
     st, settings, time_events = run.state, run.settings, run.system.time_events
-    k = _count_passed(time_events, st.t[0]) - 1
+    k = count_passed(time_events, st.t[0]) - 1
     if k < 0 or time_events[k, 0] != st.t[0]:
         return SUCCESS
     st.t[0] = time_events[k, 1]

@@ -59,7 +59,7 @@ class Settings(NamedTuple):
     stiff: int  # 1: the model has springs, flexible bodies or other stiffness
     determinate: int  # 1: the constraints alone fix the motion (no degree of freedom)
     static_after_step: int  # 1: quasi-static modes are solved for after a step, 0: within it
-    grows_after_events: int = 0  # 1: steps grow from event to event as fast as their error allows
+    fractional: int = 0  # 1: a force d^n of a contact or stop has an n that is no whole number
 
 
 HIGH_ORDER = 5  # least order of methods that lose most of it if forces jump
@@ -72,6 +72,26 @@ def time_round_off(settings):
     if settings.step > 0.0:
         return STEP_ROUND_OFF * settings.step
     return 1e-12 * (settings.end - settings.start)
+
+
+@kernel
+def next_end(time_events, t, end):
+    """Latest end of a step that begins at t [s]: the next time event, or the end of the run."""
+    k = count_passed(time_events, t)
+    return min(time_events[k, 0], end) if k < time_events.shape[0] else end
+
+
+@kernel
+def count_passed(time_events, t):
+    """Number of time events whose time just before is t or earlier."""
+    low, high = 0, time_events.shape[0]
+    while low < high:
+        middle = (low + high) // 2
+        if time_events[middle, 0] <= t:
+            low = middle + 1
+        else:
+            high = middle
+    return low
 
 
 # Status codes of the kernels; `status_messages` turns them into sentences.

@@ -226,8 +226,8 @@ EVENT_FUNCTION = np.dtype(
     [
         ("value", _F),
         ("rate", _F),  # time derivative, if it may exceed zero within a step and return; else NaN
-        # 0: of an element. 1: of an operation of a function, which may switch any number of times;
-        # 2: the same, where the value of the function jumps
+        # NaN: of an element. 1: of an operation of a function, which may switch any number of
+        # times; 2: the same, where the value of the function jumps
         ("of_law", _F),
     ],
     align=True,

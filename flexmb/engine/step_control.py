@@ -23,7 +23,6 @@ from __future__ import annotations
 import math
 
 from flexmb.engine.algebra.vector import weighted_max
-from flexmb.engine.events import next_end
 from flexmb.engine.jit import kernel
 from flexmb.engine.method import (
     HIGH_ORDER,
@@ -31,6 +30,7 @@ from flexmb.engine.method import (
     STEP_ROUND_OFF,
     STEP_TOO_SMALL,
     SUCCESS,
+    next_end,
     time_round_off,
 )
 
@@ -67,7 +67,7 @@ _MIN_FACTOR, _MAX_FACTOR, _MAX_FACTOR_STATIC = 0.2, 5.0, 3.0
 # step to this one; the step size stays if the ratio that the error allows is between the other two.
 _MAX_FACTOR_COSTLY, _GROW_ABOVE, _SHRINK_BELOW = 2.0, 1.25, 0.8
 # A step below this share of the one that met the last event was short for its sake alone: it grows
-# by up to _MAX_FACTOR (Settings.grows_after_events).
+# by up to _MAX_FACTOR with a method of collocation, unless an exponent is fractional.
 _SHORT_BY_EVENT = 0.02
 # Below this share of the allowed error the model is at rest but for round-off, from which no
 # stability limit of an explicit method follows: the step may then grow by this factor.
@@ -431,6 +431,7 @@ def record_step(method, settings, st, error, h):
     memory["error_ratio"] = ratio
     factor = _SAFETY * ratio ** (-1.0 / method.error_order)
     calm = memory["steps_until_growth"] == 0.0
+    short = method.collocation > 0 and settings.fractional == 0
     memory["steps_until_growth"] = max(memory["steps_until_growth"] - 1.0, 0.0)
     if method.prefers_constant_step == 0:
         most = _MAX_FACTOR if settings.static_after_step == 0 else _MAX_FACTOR_STATIC
@@ -438,7 +439,7 @@ def record_step(method, settings, st, error, h):
         # at rest but for round-off: the rate that limits stable_step is not known
         least = _NOISE_GROWTH * h if ratio < _NOISE_RATIO else 0.0
         memory["next_step"] = min(longer, max(memory["stable_step"], least))
-    elif settings.grows_after_events == 1 and h < _SHORT_BY_EVENT * memory["step_before_event"]:
+    elif short and h < _SHORT_BY_EVENT * memory["step_before_event"]:
         memory["next_step"] = max(memory["next_step"], h * min(factor, _MAX_FACTOR))
         memory["steps_until_growth"] = 0.0
     elif factor > _GROW_ABOVE and memory["steps_until_growth"] == 0.0:

@@ -51,8 +51,8 @@ _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)  # multiples of it, less whole numbers, a
 _SAME_TIME = 1e-9  # difference of two times that are equal within round-off, over the duration
 # Largest number of outputs of a scout (True: with state events). With 128 of 400 outputs a seventh
 # of 107 reaction errors is reported as less than a third, since pulses lie between outputs; with
-# all outputs 3 of 105, at 1.04 times the cost.
-_SCOUT_ROWS = {True: 256, False: 128}
+# all outputs 3 of 105, at 1.04 times the cost. So all of 2000 outputs count if there are events.
+_SCOUT_ROWS = {True: 1280, False: 128}
 _LEAST_MOTION = 1e-6  # displacement over the size of the model below which it is at rest
 # Round-off in error estimates, over the distance of positions from the origin: of Radau's method,
 # of other implicit methods, and of explicit ones.
@@ -220,9 +220,7 @@ def loop_settings(
         static_after_step=int(
             static is not None and (integrator.stages > 0 or bool(static.kinetostatic.any()))
         ),
-        grows_after_events=int(
-            integrator.collocation > 0 and math.isinf(least_fractional_exponent(compiled))
-        ),
+        fractional=int(math.isfinite(least_fractional_exponent(compiled))),
     )
 
 
