@@ -53,6 +53,7 @@ _DERIVATIVES = {
 # They are powers of two, so that nothing is rounded. Not zero, as feedback adds its terms only for
 # cv > 0.
 _DOMINANT, _NEGLIGIBLE = 2.0**60, 2.0**-120
+_NO_MASS = 1e-22  # over the largest mass: what is left of negligible damping
 
 
 class Tangents(NamedTuple):
@@ -245,8 +246,8 @@ def multipliers_of(at: Tangents, forces: Array) -> Array:
 
     What forces leave over accelerates it, so that light bodies get no more than their share.
     """
-    mass = at.M.diagonal()
-    scale = 1.0 / np.sqrt(np.where(mass > 0.0, mass, max(mass.max(initial=0.0), 1e-300)))
+    mass, most = at.M.diagonal(), max(float(at.M.diagonal().max(initial=0.0)), 1e-300)
+    scale = 1.0 / np.sqrt(np.where(mass > _NO_MASS * most, mass, most))
     C = at.Cq * scale
     size = max(float(np.abs(C).max(initial=0.0)), 1e-300)
     A = np.block([[scale[:, None] * at.M * scale, C.T / size], [C / size, np.zeros((len(C),) * 2)]])
