@@ -228,11 +228,8 @@ def errors_by_omission(
         worst = int(np.abs(own).argmax())
         causes = every[:, worst] * (names == name)
         of = (causes >= _SHARE_OF_CAUSE * causes.max()) & (names == name)
-        yield (
-            float(own[worst]),
-            worst,
-            [one for one, is_cause in zip(terms, of, strict=True) if is_cause],
-        )
+        every_cause = [one for one, is_cause in zip(terms, of, strict=True) if is_cause]
+        yield float(own[worst]), worst, every_cause
 
 
 @dataclass(frozen=True, eq=False)
@@ -370,13 +367,16 @@ class PoseVibrations:
         ----------
         h : (t,) array
             Steps between rows [s].
-        motions : (t, nv) array
-            Velocities of the run after them, body axes.
+        motions : (2, t, nv) array
+            Velocities less those on the line between rows beside, and these, in body axes.
         state : (2, k) array
             Sum of amplitudes times drifts, and largest amplitude, less what damping takes; updated.
         """
         own, d = self.own, len(self.omega)
-        sizes = 0.5 * np.pi * np.abs(motions @ self.project.T @ own.inverse[:, d:].T)
+        both: Complex = motions @ self.project.T @ own.inverse[:, d:].T
+        # Slow motions, vibrations in other poses, leave the line between rows by little of them.
+        both[0] /= np.fmax(1.0 - np.cos(own.values.imag * h[:, None]), 1e-12)
+        sizes: Array = 0.5 * np.pi * np.abs(both).min(axis=0)
         left = np.exp(np.outer(h, own.values.real.clip(max=0.0)))
         limits = np.empty_like(sizes)
         for k, now in enumerate(sizes):
@@ -385,11 +385,11 @@ class PoseVibrations:
             limits[k] = np.minimum(state[0], 2.0 * state[1])
         return limits
 
-    def sizes_of(self, other: PoseVibrations, sizes: Array) -> Array:
-        """(…, k) sizes of its vibrations that those of another pose with some sizes contain."""
+    def sizes_of(self, other: PoseVibrations, sizes: Array, duration: float) -> Array:
+        """(…, k) sizes of its vibrations in those of another pose that get out of phase."""
         x = self.project @ other.shapes @ other.own.shapes
         both = np.abs(self.own.inverse @ np.vstack([x, x * other.own.values]))
-        return np.asarray(sizes @ both.T)
+        return np.asarray(sizes * other.own.get_out_of_phase(duration) @ both.T)
 
     def is_exact(self, duration: float) -> bool:
         """Whether no vibration gets out of phase within a time [s], not even at resonance."""
