@@ -50,6 +50,8 @@ from flexmb.analysis.linear.state_equations import (
     amplitudes_of,
     by_unit,
     channel_groups,
+    relative_poses,
+    relative_rotations,
     which_move,
 )
 from flexmb.analysis.monitors import Indicator
@@ -64,8 +66,6 @@ from flexmb.analysis.validity.pose_vibrations import (
     RESOLVED,
     PoseVibrations,
     energies_of_vibrations,
-    relative_rotations,
-    rotations_between,
 )
 from flexmb.analysis.validity.unresolved_vibrations import UnresolvedChanges, UnresolvedVibrations
 from flexmb.engine.allocation import new_state
@@ -254,8 +254,8 @@ class FrequencyErrorMonitor:
         return near
 
     def _marks(self, rows: OutputBlock) -> Array:
-        """(t, n) rotations between bodies; speeds of flexible ones over a frequency; tension."""
-        parts = rotations_between(self._compiled, self._joined, rows.q)
+        """(t, n) poses of bodies; speeds of flexible ones over a frequency; tension."""
+        parts = relative_poses(self._compiled, self._joined, rows.q)
         for n, (one, tension) in enumerate(zip(self._bodies, self._tension, strict=True)):
             mass = max(np.linalg.eigvalsh(one.body.M_eta)[-1], 1e-300)  # the largest modal one
             lowest = np.sqrt(np.linalg.eigvalsh(one.body.K)[0] / mass)

@@ -28,11 +28,8 @@ from flexmb.analysis.linear.linearization import Linearization, ModeSweep
 from flexmb.analysis.linear.observer import body_axes
 from flexmb.analysis.linear.state_equations import StateEquations, Tangents
 from flexmb.analysis.validity.body_accelerations import OMITTED_DAMPING, Complex, LackingBody
-from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody.arrays import Array, IntArray, skew
-from flexmb.model.model import Model
-from flexmb.model.reading import GROUND
 
 RESOLVED = 2.0  # phase of a vibration between two rows [rad] up to which rows show it
 LEAST_PHASE = 5e-3  # by which vibrations get out of phase within the run, that counts [rad]
@@ -394,37 +391,6 @@ class PoseVibrations:
     def is_exact(self, duration: float) -> bool:
         """Whether no vibration gets out of phase within a time [s], not even at resonance."""
         return not self.own.get_out_of_phase(duration).any()
-
-
-def relative_rotations(compiled: Compiled, model: Model) -> list[tuple[int, int]]:
-    """Pairs of bodies (-1: the ground) whose relative rotation changes the equations."""
-    numbers = {GROUND: -1, **{one.name: k for k, one in enumerate(compiled.layout.bodies)}}
-    pairs, on_ground = set(), list[int]()
-    for spec in (*model.joints.values(), *model.forces.values()):
-        ends = getattr(spec, "between", None) or ()
-        owners = [numbers.get(str(end).partition(".")[0], -1) for end in ends]
-        if len(owners) == 2 and owners[0] != owners[1]:
-            low, high = sorted(owners)
-            if low >= 0:
-                pairs.add((low, high))
-            else:
-                on_ground.append(high)
-    pairs |= {(-1, k) for k in on_ground if on_ground.count(k) > 1}
-    return sorted(pairs)
-
-
-def rotations_between(
-    compiled: Compiled, pairs: Sequence[tuple[int, int]], q: Array
-) -> list[Array]:
-    """(t, 9) direction cosines, over √2, between each pair of bodies at positions q (t, nq)."""
-    from scipy.spatial.transform import Rotation
-
-    A = {-1: np.broadcast_to(np.eye(3), (len(q), 3, 3))}
-    for k, body in enumerate(compiled.layout.bodies):
-        p = np.roll(q[:, body.iq + 3 : body.iq + 7], -1, axis=1)
-        A[k] = np.asarray(Rotation.from_quat(p).as_matrix())
-    both = [np.einsum("tij,tik->tjk", A[i], A[j]) for i, j in pairs]
-    return [one.reshape(len(q), 9) / np.sqrt(2.0) for one in both]
 
 
 def _vibrations(D: Array, K: Array, unit: float) -> tuple[Complex, Complex, Complex]:

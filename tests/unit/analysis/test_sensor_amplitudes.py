@@ -9,6 +9,8 @@ from flexmb.analysis.linear.state_equations import (
     StateEquations,
     Tangents,
     multipliers_of,
+    relative_poses,
+    relative_rotations,
     sensor_amplitudes,
 )
 from flexmb.engine.allocation import new_state
@@ -52,3 +54,21 @@ def test_angles_without_mass_do_not_hide_multipliers() -> None:
     at = Tangents(M, np.zeros((3, 3)), np.zeros((3, 3)), Cq, Cq.T)
     lam = multipliers_of(at, np.array([[5.0], [7.0], [0.0]]))
     np.testing.assert_allclose(lam[:, 0], [5.0, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize(("joint", "moves"), [("prismatic", 0.5), ("revolute", 0.0)])
+def test_a_body_that_slides_is_in_another_pose(joint, moves) -> None:
+    """A car on a beam was in one pose at both its ends: 66 % of a moment were told for 20 %."""
+    model = Model("trolley", gravity="none")
+    for name in ("beam", "car"):
+        model.add_body(name, mass=1.0, inertia=[0.1] * 3)
+    model.add_joint("a", "spherical", between=["ground", "beam"])
+    model.add_joint("rail", joint, between=["beam", "car"], axis="z")
+    compiled = compile_system(model)
+    car = compiled.layout.bodies[1].iq + 2
+    q = np.zeros((2, compiled.layout.nq))
+    for body in compiled.layout.bodies:
+        q[:, body.iq + 3] = 1.0
+    q[1, car] = 0.25 * compiled.length * moves
+    parts = np.hstack(relative_poses(compiled, relative_rotations(compiled, model), q))
+    assert np.linalg.norm(parts[1] - parts[0]) == pytest.approx(moves / np.hypot(1.0, moves))
