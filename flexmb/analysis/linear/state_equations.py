@@ -13,7 +13,7 @@ of a beam). In M here ΔJ belongs to the mean rotation, which is that of the fra
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from itertools import product
 from typing import NamedTuple
@@ -37,6 +37,7 @@ from flexmb.engine.tables import Kkt
 from flexmb.flexbody.arrays import Array, IntArray
 from flexmb.flexbody.natural_modes import mean_motion
 from flexmb.model.model import Model
+from flexmb.model.reading import GROUND
 from flexmb.results.output_block import OutputBlock
 
 Complex = NDArray[np.complex128]
@@ -53,6 +54,8 @@ _DERIVATIVES = {
 # They are powers of two, so that nothing is rounded. Not zero, as feedback adds its terms only for
 # cv > 0.
 _DOMINANT, _NEGLIGIBLE = 2.0**60, 2.0**-120
+_SLIDE = 0.25  # way that a joint slides, over the model, that is as a rotation of 1 rad
+_NO_MASS = 1e-22  # over the largest mass: what is left of negligible damping
 
 
 class Tangents(NamedTuple):
@@ -245,8 +248,8 @@ def multipliers_of(at: Tangents, forces: Array) -> Array:
 
     What forces leave over accelerates it, so that light bodies get no more than their share.
     """
-    mass = at.M.diagonal()
-    scale = 1.0 / np.sqrt(np.where(mass > 0.0, mass, max(mass.max(initial=0.0), 1e-300)))
+    mass, most = at.M.diagonal(), max(float(at.M.diagonal().max(initial=0.0)), 1e-300)
+    scale = 1.0 / np.sqrt(np.where(mass > _NO_MASS * most, mass, most))
     C = at.Cq * scale
     size = max(float(np.abs(C).max(initial=0.0)), 1e-300)
     A = np.block([[scale[:, None] * at.M * scale, C.T / size], [C / size, np.zeros((len(C),) * 2)]])
@@ -261,6 +264,49 @@ def amplitudes_of(equations: StateEquations, at: Tangents, X: Array, omega: Arra
     own = sensor_amplitudes(equations, omega, X, lam)
     own[1] /= omega
     return own
+
+
+def relative_rotations(compiled: Compiled, model: Model) -> list[tuple[int, int]]:
+    """Pairs of bodies (-1: the ground) whose relative rotation changes the equations."""
+    numbers = {GROUND: -1, **{one.name: k for k, one in enumerate(compiled.layout.bodies)}}
+    pairs, on_ground = set(), list[int]()
+    for spec in (*model.joints.values(), *model.forces.values()):
+        ends = getattr(spec, "between", None) or ()
+        owners = [numbers.get(str(end).partition(".")[0], -1) for end in ends]
+        if len(owners) == 2 and owners[0] != owners[1]:
+            low, high = sorted(owners)
+            if low >= 0:
+                pairs.add((low, high))
+            else:
+                on_ground.append(high)
+    pairs |= {(-1, k) for k in on_ground if on_ground.count(k) > 1}
+    return sorted(pairs)
+
+
+def relative_poses(compiled: Compiled, pairs: Sequence[tuple[int, int]], q: Array) -> list[Array]:
+    """Rotations between bodies, and ways that joints between them slide, at positions q (t, nq).
+
+    (t, 9) direction cosines, over √2, of each pair; (t, 3) the way between the markers of a joint,
+    over a quarter of the model, or over itself where it is long.
+    """
+    from scipy.spatial.transform import Rotation
+
+    A, r = {-1: np.broadcast_to(np.eye(3), (len(q), 3, 3))}, {-1: np.zeros((len(q), 3))}
+    for k, body in enumerate(compiled.layout.bodies):
+        p = np.roll(q[:, body.iq + 3 : body.iq + 7], -1, axis=1)
+        A[k], r[k] = np.asarray(Rotation.from_quat(p).as_matrix()), q[:, body.iq : body.iq + 3]
+    both = [np.einsum("tij,tik->tjk", A[i], A[j]) for i, j in pairs]
+    parts = [one.reshape(len(q), 9) / np.sqrt(2.0) for one in both]
+    rows, markers = compiled.system.rows, compiled.system.parts.markers
+    places = markers["rho"] + markers["arm"]
+    for ends in np.unique(np.column_stack([rows["I"], rows["J"]]), axis=0):
+        i, j = (int(markers["body"][end]) for end in ends)
+        if (min(i, j), max(i, j)) in pairs:
+            far = r[j] + A[j] @ places[ends[1]] - r[i] - A[i] @ places[ends[0]]
+            way = np.einsum("tij,ti->tj", A[i], far)
+            size = np.hypot(np.linalg.norm(way, axis=1), _SLIDE * compiled.length)
+            parts.append(way / size[:, None])
+    return parts
 
 
 class ChannelGroup(NamedTuple):

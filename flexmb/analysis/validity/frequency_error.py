@@ -50,6 +50,8 @@ from flexmb.analysis.linear.state_equations import (
     amplitudes_of,
     by_unit,
     channel_groups,
+    relative_poses,
+    relative_rotations,
     which_move,
 )
 from flexmb.analysis.monitors import Indicator
@@ -64,8 +66,6 @@ from flexmb.analysis.validity.pose_vibrations import (
     RESOLVED,
     PoseVibrations,
     energies_of_vibrations,
-    relative_rotations,
-    rotations_between,
 )
 from flexmb.analysis.validity.unresolved_vibrations import UnresolvedChanges, UnresolvedVibrations
 from flexmb.engine.allocation import new_state
@@ -154,7 +154,6 @@ class FrequencyErrorMonitor:
             at_rest = all(not rows.v[0, one.part][6:].any() for one in self._bodies)
             rates = np.full(table.shape[1], 0.0 if at_rest else np.nan)
             self._row = np.vstack([table[0], rates])
-        motions = in_axes_of_bodies(self._compiled.layout, rows, rows.v)
         every = np.vstack([self._row[0], table])
         h = np.diff(every[:, 0])
         if not self._interval[0]:
@@ -163,7 +162,8 @@ class FrequencyErrorMonitor:
             self._interval = np.array([np.median(h[h > 0.0])])
         slopes = self._slopes(every, h)
         self._unresolved = copy(self._unresolved)
-        both = motions, in_axes_of_bodies(self._compiled.layout, rows, rows.vd)
+        layout = self._compiled.layout
+        both = in_axes_of_bodies(layout, rows, rows.v), in_axes_of_bodies(layout, rows, rows.vd)
         changes = self._unresolved.add(rows.t, both, self._bodies)
         self._counts |= self._may_count(slopes[1] * h[:, None])
         if not self._counts[0]:
@@ -173,8 +173,8 @@ class FrequencyErrorMonitor:
         for part in np.split(np.arange(len(near)), np.flatnonzero(np.diff(near)) + 1):
             at, number = slice(part[0], part[-1] + 1), near[part[0]]
             both = slopes[0][at], slopes[1][at]
-            self._integrate(number, rows.t[at], h[at], both, table[at], motions[at])
             own = changes[:, at.start : changes.shape[1] - len(h) + at.stop]
+            self._integrate(number, rows.t[at], h[at], both, table[at], own[2:, -len(h[at]) :])
             self._add_unresolved(number, rows.t[at], h[at], own)
 
     def _table(self, rows: OutputBlock) -> Array:
@@ -254,8 +254,8 @@ class FrequencyErrorMonitor:
         return near
 
     def _marks(self, rows: OutputBlock) -> Array:
-        """(t, n) rotations between bodies; speeds of flexible ones over a frequency; tension."""
-        parts = rotations_between(self._compiled, self._joined, rows.q)
+        """(t, n) poses of bodies; speeds of flexible ones over a frequency; tension."""
+        parts = relative_poses(self._compiled, self._joined, rows.q)
         for n, (one, tension) in enumerate(zip(self._bodies, self._tension, strict=True)):
             mass = max(np.linalg.eigvalsh(one.body.M_eta)[-1], 1e-300)  # the largest modal one
             lowest = np.sqrt(np.linalg.eigvalsh(one.body.K)[0] / mass)
@@ -314,8 +314,8 @@ class FrequencyErrorMonitor:
         self, number: int, t: Array, h: Array, slopes: tuple[Array, Array], table: Array,
         motions: Array,
     ) -> None:  # fmt: skip
-        """Integrate over the next steps h to the times t, with the rows of the table there."""
-        pose = self._poses[number][1]
+        """Integrate over steps h to times t, with rows of the table and motions of the run."""
+        pose, before = self._poses[number][1], self._poses[self._limited][1]
         nv, d = self._compiled.layout.nv, len(pose.omega)
         if pose.is_exact(self._duration) or not len(pose.values):
             self._rest(table[-1])
@@ -350,7 +350,7 @@ class FrequencyErrorMonitor:
         if self._limited < 0:
             self._limits = np.zeros((2, 2 * d))
         elif self._limited != number:
-            self._limits = pose.sizes_of(self._poses[self._limited][1], self._limits)
+            self._limits = pose.sizes_of(before, self._limits, self._duration)
         self._limited = np.array(number)
         limits = pose.phase_limits(h, motions, self._limits)
         both = states[:-1, :d], states[:-1, n : n + d]

@@ -88,9 +88,7 @@ class VibrationResponse:
     def __init__(self, omega: Array) -> None:
         self._decay = omega * complex(-_DAMPING, np.sqrt(1.0 - _DAMPING**2))
         self.turning = np.zeros(len(omega), complex)
-        self._rate = np.zeros(
-            len(omega)
-        )  # rate of the static response at the end of the last piece
+        self._rate = np.zeros(len(omega))  # of the static response at the end of the last piece
 
     @property
     def amplitude(self) -> Array:

@@ -28,11 +28,8 @@ from flexmb.analysis.linear.linearization import Linearization, ModeSweep
 from flexmb.analysis.linear.observer import body_axes
 from flexmb.analysis.linear.state_equations import StateEquations, Tangents
 from flexmb.analysis.validity.body_accelerations import OMITTED_DAMPING, Complex, LackingBody
-from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
 from flexmb.flexbody.arrays import Array, IntArray, skew
-from flexmb.model.model import Model
-from flexmb.model.reading import GROUND
 
 RESOLVED = 2.0  # phase of a vibration between two rows [rad] up to which rows show it
 LEAST_PHASE = 5e-3  # by which vibrations get out of phase within the run, that counts [rad]
@@ -228,11 +225,8 @@ def errors_by_omission(
         worst = int(np.abs(own).argmax())
         causes = every[:, worst] * (names == name)
         of = (causes >= _SHARE_OF_CAUSE * causes.max()) & (names == name)
-        yield (
-            float(own[worst]),
-            worst,
-            [one for one, is_cause in zip(terms, of, strict=True) if is_cause],
-        )
+        every_cause = [one for one, is_cause in zip(terms, of, strict=True) if is_cause]
+        yield float(own[worst]), worst, every_cause
 
 
 @dataclass(frozen=True, eq=False)
@@ -370,13 +364,16 @@ class PoseVibrations:
         ----------
         h : (t,) array
             Steps between rows [s].
-        motions : (t, nv) array
-            Velocities of the run after them, body axes.
+        motions : (2, t, nv) array
+            Velocities less those on the line between rows beside, and these, in body axes.
         state : (2, k) array
             Sum of amplitudes times drifts, and largest amplitude, less what damping takes; updated.
         """
         own, d = self.own, len(self.omega)
-        sizes = 0.5 * np.pi * np.abs(motions @ self.project.T @ own.inverse[:, d:].T)
+        both: Complex = motions @ self.project.T @ own.inverse[:, d:].T
+        # Slow motions, vibrations in other poses, leave the line between rows by little of them.
+        both[0] /= np.fmax(1.0 - np.cos(own.values.imag * h[:, None]), 1e-12)
+        sizes: Array = 0.5 * np.pi * np.abs(both).min(axis=0)
         left = np.exp(np.outer(h, own.values.real.clip(max=0.0)))
         limits = np.empty_like(sizes)
         for k, now in enumerate(sizes):
@@ -385,46 +382,15 @@ class PoseVibrations:
             limits[k] = np.minimum(state[0], 2.0 * state[1])
         return limits
 
-    def sizes_of(self, other: PoseVibrations, sizes: Array) -> Array:
-        """(…, k) sizes of its vibrations that those of another pose with some sizes contain."""
+    def sizes_of(self, other: PoseVibrations, sizes: Array, duration: float) -> Array:
+        """(…, k) sizes of its vibrations in those of another pose that get out of phase."""
         x = self.project @ other.shapes @ other.own.shapes
         both = np.abs(self.own.inverse @ np.vstack([x, x * other.own.values]))
-        return np.asarray(sizes @ both.T)
+        return np.asarray(sizes * other.own.get_out_of_phase(duration) @ both.T)
 
     def is_exact(self, duration: float) -> bool:
         """Whether no vibration gets out of phase within a time [s], not even at resonance."""
         return not self.own.get_out_of_phase(duration).any()
-
-
-def relative_rotations(compiled: Compiled, model: Model) -> list[tuple[int, int]]:
-    """Pairs of bodies (-1: the ground) whose relative rotation changes the equations."""
-    numbers = {GROUND: -1, **{one.name: k for k, one in enumerate(compiled.layout.bodies)}}
-    pairs, on_ground = set(), list[int]()
-    for spec in (*model.joints.values(), *model.forces.values()):
-        ends = getattr(spec, "between", None) or ()
-        owners = [numbers.get(str(end).partition(".")[0], -1) for end in ends]
-        if len(owners) == 2 and owners[0] != owners[1]:
-            low, high = sorted(owners)
-            if low >= 0:
-                pairs.add((low, high))
-            else:
-                on_ground.append(high)
-    pairs |= {(-1, k) for k in on_ground if on_ground.count(k) > 1}
-    return sorted(pairs)
-
-
-def rotations_between(
-    compiled: Compiled, pairs: Sequence[tuple[int, int]], q: Array
-) -> list[Array]:
-    """(t, 9) direction cosines, over √2, between each pair of bodies at positions q (t, nq)."""
-    from scipy.spatial.transform import Rotation
-
-    A = {-1: np.broadcast_to(np.eye(3), (len(q), 3, 3))}
-    for k, body in enumerate(compiled.layout.bodies):
-        p = np.roll(q[:, body.iq + 3 : body.iq + 7], -1, axis=1)
-        A[k] = np.asarray(Rotation.from_quat(p).as_matrix())
-    both = [np.einsum("tij,tik->tjk", A[i], A[j]) for i, j in pairs]
-    return [one.reshape(len(q), 9) / np.sqrt(2.0) for one in both]
 
 
 def _vibrations(D: Array, K: Array, unit: float) -> tuple[Complex, Complex, Complex]:

@@ -92,7 +92,7 @@ class UnresolvedVibrations:
         squares = 1.5 - 2.0 * np.cos(phase) * np.sinc(apart)  # mean of (1 − cos φ)²
         squares += 0.5 * np.cos(2.0 * phase) * np.sinc(2.0 * apart)
         gain = np.sqrt(np.maximum(squares, _LEAST_GAIN**2))
-        once, twice, rates = np.abs(changes @ self.project.T)
+        once, twice, rates = np.abs(changes[:3] @ self.project.T)
         slow = _SLOW * self.omega * rates / gain
         return _lasting((np.minimum(once / gain, twice / gain**2) - slow).clip(0.0)) / self.omega**2
 
@@ -129,8 +129,8 @@ class UnresolvedChanges:
         self._limits = np.zeros((2, 0))  # what its vibrations differ by; their amplitudes
 
     def add(self, t: Array, motions: tuple[Array, Array], bodies: Sequence[LackingBody]) -> Array:
-        """(3, t + n, nv) changes of accelerations beside those of other rows, of these changes,
-        and of velocities, of earlier rows that last, up to two rows before.
+        """(4, t + n, nv) changes of accelerations beside those of other rows, of these changes,
+        and of velocities, and velocities, of earlier rows that last, up to two rows before.
 
         `motions` are velocities and accelerations (t, nv) in body axes.
         """
@@ -139,11 +139,12 @@ class UnresolvedChanges:
         every = np.concatenate([before, now])
         self._before = every[-_LASTING - 3 :]
         rates, once = (_changes(every[:, 0, k], every[:, 1:, k]) for k in (0, 1))
-        changes = np.array([once[1:-1], _changes(every[1:-1, 0, 1], once), rates[1:-1]])
+        twice = _changes(every[1:-1, 0, 1], once)
+        changes = np.array([once[1:-1], twice, rates[1:-1], every[2:-2, 1:, 0]])
         squares, h = np.zeros((2, changes.shape[1])), np.diff(every[1:-1, 0, 0])[1:]
         for one in bodies:  # in axes that turn far between rows slow motions are fast
             omega = every[3:-1, 1:, 0][:, one.part][:, 3:6]
-            changes[:, np.linalg.norm(omega, axis=1) * h > _MOST_TURN] = 0.0
+            changes[:2, np.linalg.norm(omega, axis=1) * h > _MOST_TURN] = 0.0
             own = changes[:2, :, one.part]
             squares += ((own @ one.accelerations.mass) * own).sum(axis=2)
         once, twice = np.sqrt(squares)[..., None]

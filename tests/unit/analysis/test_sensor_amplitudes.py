@@ -5,7 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from flexmb.analysis.linear.state_equations import StateEquations, sensor_amplitudes
+from flexmb.analysis.linear.state_equations import (
+    StateEquations,
+    Tangents,
+    multipliers_of,
+    relative_poses,
+    relative_rotations,
+    sensor_amplitudes,
+)
 from flexmb.engine.allocation import new_state
 from flexmb.engine.compile import compile_system
 from flexmb.model import Model
@@ -38,3 +45,30 @@ def test_reactions_change_in_the_axes_of_a_marker_that_tilts() -> None:
     assert change[:3] == pytest.approx([-length, 0.0, 0.0], abs=1e-6)
     side = change[3:].reshape(2, 6)[0 if now[0, 2] > 0.0 else 1]
     assert side[:3] == pytest.approx([inertia - mass * g * tilt, 0.0, 0.0], abs=1e-4)
+
+
+def test_angles_without_mass_do_not_hide_multipliers() -> None:
+    """An angle of a joint has no mass but what is left of negligible damping: of a robot with an
+    angle sensor 0.01 % of forces were told for 50 %."""
+    M, Cq = np.diag([2.0, 3.0, 1e-37]), np.array([[1.0, 0.0, 0.0], [0.0, 1.0, -1.0]])
+    at = Tangents(M, np.zeros((3, 3)), np.zeros((3, 3)), Cq, Cq.T)
+    lam = multipliers_of(at, np.array([[5.0], [7.0], [0.0]]))
+    np.testing.assert_allclose(lam[:, 0], [5.0, 0.0], atol=1e-9)
+
+
+@pytest.mark.parametrize(("joint", "moves"), [("prismatic", 0.5), ("revolute", 0.0)])
+def test_a_body_that_slides_is_in_another_pose(joint, moves) -> None:
+    """A car on a beam was in one pose at both its ends: 66 % of a moment were told for 20 %."""
+    model = Model("trolley", gravity="none")
+    for name in ("beam", "car"):
+        model.add_body(name, mass=1.0, inertia=[0.1] * 3)
+    model.add_joint("a", "spherical", between=["ground", "beam"])
+    model.add_joint("rail", joint, between=["beam", "car"], axis="z")
+    compiled = compile_system(model)
+    car = compiled.layout.bodies[1].iq + 2
+    q = np.zeros((2, compiled.layout.nq))
+    for body in compiled.layout.bodies:
+        q[:, body.iq + 3] = 1.0
+    q[1, car] = 0.25 * compiled.length * moves
+    parts = np.hstack(relative_poses(compiled, relative_rotations(compiled, model), q))
+    assert np.linalg.norm(parts[1] - parts[0]) == pytest.approx(moves / np.hypot(1.0, moves))
