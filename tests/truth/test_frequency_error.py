@@ -194,7 +194,7 @@ def four_bar(modes, speed):
 MACHINES = {
     "blade": (spinning, (10.0, 0.97 * np.sqrt(21.0**2 + 1.19 * 100)), 0, 1.5),
     "spring": (sprung, (300.0, 48.5), 1, 1.3),
-    "craft": (craft, (9.4,), 1, 1.3),
+    "craft": (craft, (9.4,), 1, 1.5),
     "four-bar": (four_bar, (60.0,), 0, 2.5),
 }
 

@@ -60,6 +60,9 @@ if TYPE_CHECKING:
     from flexmb.analysis.validity.deformed_inertia import DeformedInertiaMonitor
 
 _SMALL = 0.5  # change of a frequency, over the smallest that is told, that is not looked at
+# Least number of cycles in the run of a vibration that rotation changes: round-off leaves free
+# motions a frequency.
+_FREE_MOTION = 0.01
 _TWICE = 1.0  # error of a frequency above which its size has no meaning
 
 
@@ -164,13 +167,15 @@ class ValidityMonitor:
         if self._compiled.layout.nv > MAX_COORDINATES:
             return bars, errors
         bent = self._bars.bent_states() if self._bars else ()
-        for begin, names in (*self._elasticity.fast_states(), *bent):
+        free = _FREE_MOTION / LEAST_CYCLES * self._slowest
+        states = [(*one, free) for one in self._elasticity.fast_states()]
+        for begin, names, slowest in (*states, *((*one, self._slowest) for one in bent)):
             if set(names) <= set(bars):
                 continue
             with suppress(FlexmbError, np.linalg.LinAlgError):  # no equilibrium, or no inertia
                 made = _without_vibrations(self._compiled, self._model, begin, names[0])
                 row, contains = _row_of(made.state), self._elasticity.contains
-                of = self._load_factor, contains, self._slowest
+                of = self._load_factor, contains, slowest
                 every = _frequency_errors(made, row, *of)
                 bars += [one for one in every[0] if one in names]
                 errors += [one for one in every[1] if one.body in names]
