@@ -163,8 +163,7 @@ class FrequencyErrorMonitor:
             self._interval = np.array([np.median(h[h > 0.0])])
         slopes = self._slopes(every, h)
         self._unresolved = copy(self._unresolved)
-        both = motions, in_axes_of_bodies(self._compiled.layout, rows, rows.vd)
-        changes = self._unresolved.add(rows.t, both, self._bodies)
+        changes = self._unresolved.add(self._compiled.layout, rows, motions, self._bodies)
         self._counts |= self._may_count(slopes[1] * h[:, None])
         if not self._counts[0]:
             self._rest(table[-1])
