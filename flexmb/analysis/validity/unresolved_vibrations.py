@@ -29,10 +29,10 @@ from flexmb.results.output_block import OutputBlock
 
 _NEARLY_RESOLVED = 1.4  # phase between two rows [rad] from which on some poses may not show one
 _LASTING = 5  # successive rows of which a vibration is in most
-# Least frequency, over that of a vibration, of what counts as one: in slow motions accelerations
+# Least frequencies, over that of a vibration, of what counts as one: in slow motions accelerations
 # are smaller against velocities, and by the square against displacements. Rows that meet a forced
 # motion twice in its period may see its accelerations and none of its velocities.
-_SLOW = 0.1
+_SLOW, _SLOW_FORCED = 0.1, 0.5
 _MOST_TURN = 0.1  # of a body between two rows [rad]
 _SAME_SHAPE = 0.5  # share of a vibration in one of another pose that is the same
 _SPREAD = 0.03  # of frequencies in poses that are near one
@@ -99,9 +99,11 @@ class UnresolvedVibrations:
         squares = 1.5 - 2.0 * np.cos(phase) * np.sinc(apart)  # mean of (1 − cos φ)²
         squares += 0.5 * np.cos(2.0 * phase) * np.sinc(2.0 * apart)
         gain = np.sqrt(np.maximum(squares, _LEAST_GAIN**2))
-        once, twice, rates, places = np.abs(changes @ self.project.T)
-        slow = _SLOW * self.omega * np.hypot(rates / gain, self.omega * places / gain**2)
-        return _lasting((np.minimum(once / gain, twice / gain**2) - slow).clip(0.0)) / self.omega**2
+        once, twice, rates, *places = np.abs(changes @ self.project.T)
+        moved = _SLOW_FORCED**2 * np.minimum(places[0] / gain, places[1] / gain**2)
+        slow = np.hypot(_SLOW * rates / gain, self.omega * moved) / self.omega
+        sizes = np.minimum(once / gain, twice / gain**2) / self.omega**2 - slow
+        return _lasting(sizes.clip(0.0)) / (1.0 - _SLOW_FORCED**2)
 
     def largest_changes(
         self, limits: Array, t: Array, largest: Array, body: NDArray[np.int64]
@@ -138,9 +140,9 @@ class UnresolvedChanges:
     def add(
         self, layout: Layout, rows: OutputBlock, v: Array, bodies: Sequence[LackingBody]
     ) -> Array:
-        """(4, t + n, nv) changes of accelerations beside those of other rows, of these changes,
-        of velocities, and of the changes of positions, up to two rows before the last, with those
-        of earlier rows by which it is known what lasts.
+        """(5, t + n, nv) changes of accelerations beside those of other rows, of these changes, of
+        velocities, of positions, and of the changes of these, up to two rows before the last, with
+        those of earlier rows by which it is known what lasts.
 
         `v` (t, nv) are the velocities of the rows in body axes, as the changes are.
         """
@@ -152,8 +154,9 @@ class UnresolvedChanges:
         v, a, q = np.split(every[:, 1:], [nv, 2 * nv], axis=1)
         rates, once, places = (_changes(times, one) for one in (v, a, q))
         twice, moved = (_changes(times[1:-1], one) for one in (once, places))
-        displaced = displacements_in_axes_of_bodies(layout, q[2:-2], moved)
-        changes = np.array([once[1:-1], twice, rates[1:-1], displaced])
+        both = places[1:-1], moved
+        displaced = [displacements_in_axes_of_bodies(layout, q[2:-2], x) for x in both]
+        changes = np.array([once[1:-1], twice, rates[1:-1], *displaced])
         squares, h = np.zeros((2, changes.shape[1])), np.diff(times[1:-1])[1:]
         for one in bodies:  # in axes that turn far between rows slow motions are fast
             omega = v[3:-1, one.part][:, 3:6]
