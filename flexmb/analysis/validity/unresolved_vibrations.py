@@ -3,8 +3,9 @@
 Between rows of a slow motion accelerations change along lines. A vibration of amplitude a with a
 phase φ from row to row leaves these by ω² a (1 − cos φ) cos ωt, and that sequence again by as much
 of itself, (1 − cos φ)², of which a slow motion has less. So its amplitude is known, and what it
-differs by as its phase is lost. A jump is in two rows, a vibration lasts. Where φ is near a
-multiple of a turn, it looks slow, and frequencies must be known: they differ in other poses.
+differs by as its phase is lost. Displacements tell it from forced motions. A jump is in two rows, a
+vibration lasts. Where φ is near a multiple of a turn, it looks slow, and frequencies must be known:
+they differ in other poses.
 """
 
 from __future__ import annotations
@@ -29,10 +30,13 @@ from flexmb.results.output_block import OutputBlock
 
 _NEARLY_RESOLVED = 1.4  # phase between two rows [rad] from which on some poses may not show one
 _LASTING = 5  # successive rows of which a vibration is in most
-# Least frequencies, over that of a vibration, of what counts as one: in slow motions accelerations
-# are smaller against velocities, and by the square against displacements. Rows that meet a forced
-# motion twice in its period may see its accelerations and none of its velocities.
-_SLOW, _SLOW_FORCED = 0.1, 0.5
+# Least frequency, over that of a vibration, of what counts as one: in slow motions accelerations
+# are smaller against velocities.
+_SLOW = 0.1
+# Displacements in a vibration are its accelerations over ω²; what they differ by, times this, is
+# of forced motions: none below half of ω counts, and less of those above twice that. Rows that
+# meet one twice in its period may see its accelerations and none of its velocities.
+_FORCED = 1.0 / 3.0
 _MOST_TURN = 0.1  # of a body between two rows [rad]
 _SAME_SHAPE = 0.5  # share of a vibration in one of another pose that is the same
 _SPREAD = 0.03  # of frequencies in poses that are near one
@@ -99,11 +103,11 @@ class UnresolvedVibrations:
         squares = 1.5 - 2.0 * np.cos(phase) * np.sinc(apart)  # mean of (1 − cos φ)²
         squares += 0.5 * np.cos(2.0 * phase) * np.sinc(2.0 * apart)
         gain = np.sqrt(np.maximum(squares, _LEAST_GAIN**2))
-        once, twice, rates, *places = np.abs(changes @ self.project.T)
-        moved = _SLOW_FORCED**2 * np.minimum(places[0] / gain, places[1] / gain**2)
-        slow = np.hypot(_SLOW * rates / gain, self.omega * moved) / self.omega
-        sizes = np.minimum(once / gain, twice / gain**2) / self.omega**2 - slow
-        return _lasting(sizes.clip(0.0)) / (1.0 - _SLOW_FORCED**2)
+        once, twice, rates, places = np.abs(changes @ self.project.T)
+        sizes = np.minimum(once / gain, twice / gain**2) / self.omega**2
+        moved = places / gain**2
+        other = np.hypot(_SLOW * rates / gain / self.omega, _FORCED * (sizes - moved))
+        return _lasting((np.minimum(sizes, moved) - other).clip(0.0))
 
     def largest_changes(
         self, limits: Array, t: Array, largest: Array, body: NDArray[np.int64]
@@ -140,9 +144,9 @@ class UnresolvedChanges:
     def add(
         self, layout: Layout, rows: OutputBlock, v: Array, bodies: Sequence[LackingBody]
     ) -> Array:
-        """(5, t + n, nv) changes of accelerations beside those of other rows, of these changes, of
-        velocities, of positions, and of the changes of these, up to two rows before the last, with
-        those of earlier rows by which it is known what lasts.
+        """(4, t + n, nv) changes of accelerations beside those of other rows, of these changes,
+        of velocities, and of the changes of positions, up to two rows before the last, with those
+        of earlier rows by which it is known what lasts.
 
         `v` (t, nv) are the velocities of the rows in body axes, as the changes are.
         """
@@ -154,9 +158,8 @@ class UnresolvedChanges:
         v, a, q = np.split(every[:, 1:], [nv, 2 * nv], axis=1)
         rates, once, places = (_changes(times, one) for one in (v, a, q))
         twice, moved = (_changes(times[1:-1], one) for one in (once, places))
-        both = places[1:-1], moved
-        displaced = [displacements_in_axes_of_bodies(layout, q[2:-2], x) for x in both]
-        changes = np.array([once[1:-1], twice, rates[1:-1], *displaced])
+        displaced = displacements_in_axes_of_bodies(layout, q[2:-2], moved)
+        changes = np.array([once[1:-1], twice, rates[1:-1], displaced])
         squares, h = np.zeros((2, changes.shape[1])), np.diff(times[1:-1])[1:]
         for one in bodies:  # in axes that turn far between rows slow motions are fast
             omega = v[3:-1, one.part][:, 3:6]
