@@ -162,6 +162,21 @@ def in_axes_of_bodies(layout: Layout, rows: OutputBlock, v: Array) -> Array:
     return v
 
 
+def displacements_in_axes_of_bodies(layout: Layout, q: Array, change: Array) -> Array:
+    """(t, nv) displacements by small changes of positions q (t, nq), in the axes of bodies."""
+    n = len(layout.coordinates)  # scalar ones, behind those of bodies
+    x = np.zeros((len(q), layout.nv))
+    x[:, layout.nv - n :] = change[:, layout.nq - n :]
+    for one in layout.bodies:
+        p, dp = q[:, one.iq + 3 : one.iq + 7], change[:, one.iq + 3 : one.iq + 7]
+        x[:, one.iv : one.iv + 3] = in_body_axes(p, change[:, one.iq : one.iq + 3])
+        turn = p[:, :1] * dp[:, 1:] - dp[:, :1] * p[:, 1:] - np.cross(p[:, 1:], dp[:, 1:])
+        x[:, one.iv + 3 : one.iv + 6] = 2.0 * turn
+        modes = slice(one.iv + 6, one.iv + 6 + one.m)
+        x[:, modes] = change[:, one.iq + 7 : one.iq + 7 + one.m]
+    return x
+
+
 def _products_of_motions(body: FlexBody) -> Array:
     """(3, 3, n, n) [a, b, i, j] = ∫ρ χ_ai χ_bj, with χ_i the field of motion i."""
     m = body.m

@@ -162,9 +162,8 @@ class FrequencyErrorMonitor:
             self._interval = np.array([np.median(h[h > 0.0])])
         slopes = self._slopes(every, h)
         self._unresolved = copy(self._unresolved)
-        layout = self._compiled.layout
-        both = in_axes_of_bodies(layout, rows, rows.v), in_axes_of_bodies(layout, rows, rows.vd)
-        changes = self._unresolved.add(rows.t, both, self._bodies)
+        v = in_axes_of_bodies(self._compiled.layout, rows, rows.v)
+        changes = self._unresolved.add(self._compiled.layout, rows, v, self._bodies)
         self._counts |= self._may_count(slopes[1] * h[:, None])
         if not self._counts[0]:
             self._rest(table[-1])
@@ -174,7 +173,8 @@ class FrequencyErrorMonitor:
             at, number = slice(part[0], part[-1] + 1), near[part[0]]
             both = slopes[0][at], slopes[1][at]
             own = changes[:, at.start : changes.shape[1] - len(h) + at.stop]
-            self._integrate(number, rows.t[at], h[at], both, table[at], own[2:, -len(h[at]) :])
+            motions = own[[2, 4], -len(h[at]) :]
+            self._integrate(number, rows.t[at], h[at], both, table[at], motions)
             self._add_unresolved(number, rows.t[at], h[at], own)
 
     def _table(self, rows: OutputBlock) -> Array:

@@ -3,8 +3,9 @@
 Between rows of a slow motion accelerations change along lines. A vibration of amplitude a with a
 phase φ from row to row leaves these by ω² a (1 − cos φ) cos ωt, and that sequence again by as much
 of itself, (1 − cos φ)², of which a slow motion has less. So its amplitude is known, and what it
-differs by as its phase is lost. A jump is in two rows, a vibration lasts. Where φ is near a
-multiple of a turn, it looks slow, and frequencies must be known: they differ in other poses.
+differs by as its phase is lost. Displacements tell it from forced motions. A jump is in two rows, a
+vibration lasts. Where φ is near a multiple of a turn, it looks slow, and frequencies must be known:
+they differ in other poses.
 """
 
 from __future__ import annotations
@@ -17,15 +18,25 @@ from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
 from flexmb.analysis.linear.state_equations import ChannelGroup
-from flexmb.analysis.validity.body_accelerations import LackingBody
+from flexmb.analysis.validity.body_accelerations import (
+    LackingBody,
+    displacements_in_axes_of_bodies,
+    in_axes_of_bodies,
+)
 from flexmb.analysis.validity.pose_vibrations import LEAST_PHASE
+from flexmb.engine.tables import Layout
 from flexmb.flexbody.arrays import Array
+from flexmb.results.output_block import OutputBlock
 
 _NEARLY_RESOLVED = 1.4  # phase between two rows [rad] from which on some poses may not show one
 _LASTING = 5  # successive rows of which a vibration is in most
 # Least frequency, over that of a vibration, of what counts as one: in slow motions accelerations
 # are smaller against velocities.
 _SLOW = 0.1
+# Displacements in a vibration are its accelerations over ω²; what they differ by, times this, is
+# of forced motions: none below half of ω counts, and less of those above twice that. Rows that
+# meet one twice in its period may see its accelerations and none of its velocities.
+_FORCED = 1.0 / 3.0
 _MOST_TURN = 0.1  # of a body between two rows [rad]
 _SAME_SHAPE = 0.5  # share of a vibration in one of another pose that is the same
 _SPREAD = 0.03  # of frequencies in poses that are near one
@@ -92,9 +103,11 @@ class UnresolvedVibrations:
         squares = 1.5 - 2.0 * np.cos(phase) * np.sinc(apart)  # mean of (1 − cos φ)²
         squares += 0.5 * np.cos(2.0 * phase) * np.sinc(2.0 * apart)
         gain = np.sqrt(np.maximum(squares, _LEAST_GAIN**2))
-        once, twice, rates = np.abs(changes[:3] @ self.project.T)
-        slow = _SLOW * self.omega * rates / gain
-        return _lasting((np.minimum(once / gain, twice / gain**2) - slow).clip(0.0)) / self.omega**2
+        once, twice, rates, places = np.abs(changes[:4] @ self.project.T)
+        sizes = np.minimum(once / gain, twice / gain**2) / self.omega**2
+        moved = places / gain**2
+        other = np.hypot(_SLOW * rates / gain / self.omega, _FORCED * (sizes - moved))
+        return _lasting((np.minimum(sizes, moved) - other).clip(0.0))
 
     def largest_changes(
         self, limits: Array, t: Array, largest: Array, body: NDArray[np.int64]
@@ -124,26 +137,32 @@ class UnresolvedChanges:
 
     def __init__(self) -> None:
         self.largest = 0.0
-        self._before: Array | None = None  # time and accelerations of the last rows
+        self._before: Array | None = None  # time and motions of the last rows
         self._number = -1  # of the pose in the last rows
         self._limits = np.zeros((2, 0))  # what its vibrations differ by; their amplitudes
 
-    def add(self, t: Array, motions: tuple[Array, Array], bodies: Sequence[LackingBody]) -> Array:
-        """(4, t + n, nv) changes of accelerations beside those of other rows, of these changes,
-        and of velocities, and velocities, of earlier rows that last, up to two rows before.
+    def add(
+        self, layout: Layout, rows: OutputBlock, v: Array, bodies: Sequence[LackingBody]
+    ) -> Array:
+        """(5, t + n, nv) changes of accelerations beside those of other rows, of these changes,
+        of velocities, and of the changes of positions, and velocities, up to two rows before the
+        last, with those of earlier rows by which it is known what lasts.
 
-        `motions` are velocities and accelerations (t, nv) in body axes.
+        `v` (t, nv) are the velocities of the rows in body axes, as the changes are.
         """
-        now = np.dstack([np.column_stack([t, one]) for one in motions])
+        now = np.column_stack([rows.t, v, in_axes_of_bodies(layout, rows, rows.vd), rows.q])
         before = np.repeat(now[:1], _LASTING + 3, axis=0) if self._before is None else self._before
         every = np.concatenate([before, now])
         self._before = every[-_LASTING - 3 :]
-        rates, once = (_changes(every[:, 0, k], every[:, 1:, k]) for k in (0, 1))
-        twice = _changes(every[1:-1, 0, 1], once)
-        changes = np.array([once[1:-1], twice, rates[1:-1], every[2:-2, 1:, 0]])
-        squares, h = np.zeros((2, changes.shape[1])), np.diff(every[1:-1, 0, 0])[1:]
+        times, nv = every[:, 0], v.shape[1]
+        v, a, q = np.split(every[:, 1:], [nv, 2 * nv], axis=1)
+        rates, once, places = (_changes(times, one) for one in (v, a, q))
+        twice, moved = (_changes(times[1:-1], one) for one in (once, places))
+        displaced = displacements_in_axes_of_bodies(layout, q[2:-2], moved)
+        changes = np.array([once[1:-1], twice, rates[1:-1], displaced, v[2:-2]])
+        squares, h = np.zeros((2, changes.shape[1])), np.diff(times[1:-1])[1:]
         for one in bodies:  # in axes that turn far between rows slow motions are fast
-            omega = every[3:-1, 1:, 0][:, one.part][:, 3:6]
+            omega = v[3:-1, one.part][:, 3:6]
             changes[:2, np.linalg.norm(omega, axis=1) * h > _MOST_TURN] = 0.0
             own = changes[:2, :, one.part]
             squares += ((own @ one.accelerations.mass) * own).sum(axis=2)
@@ -156,7 +175,7 @@ class UnresolvedChanges:
         self, poses: Sequence[UnresolvedVibrations], number: int, h: Array,
         changes: Array, interval: float,
     ) -> Array:  # fmt: skip
-        """(t, k) what vibrations in the pose of a number can differ by after steps h (t,), :
+        """(t, k) what vibrations in the pose of a number can differ by after steps h (t,):
         their drift times time, twice their amplitude."""
         pose, before = poses[number], poses[self._number]
         if self._number < 0:
