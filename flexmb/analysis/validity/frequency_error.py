@@ -113,6 +113,7 @@ class FrequencyErrorMonitor:
         groups = channel_groups(compiled, model, self._n) if self._bodies else ()
         self._groups = [one for one in groups if one.derivatives >= 0]
         self._powers = np.array([one.derivatives for one in self._groups], np.int64)
+        self._columns = np.array([k for one in self._groups for k in one.columns], np.int64)
         self._poses: list[tuple[Array, PoseVibrations, UnresolvedVibrations]] = []
         self._equations: StateEquations | None = None
         self._reach: tuple[Array, list[Array]] | None = None
@@ -410,20 +411,19 @@ class FrequencyErrorMonitor:
         accelerations = accelerations - (excess @ (turning * own.values[some]).T).real
         change = amplitudes @ by_place.T + rates @ by_rate.T
         whole = -accelerations / omega**2 @ by_place.T + rates @ by_rate.T
-        for k, (group, power) in enumerate(zip(self._groups, self._powers, strict=True)):
-            if power == 2 and own.is_turned(self._duration):
-                continue
-            columns = group.columns
-            sizes = np.linalg.norm(change[:, columns], axis=1)
-            if power == 2:
-                sizes = np.minimum(sizes, np.linalg.norm(whole[:, columns], axis=1))
-            row = int(sizes.argmax())
-            if sizes[row] > largest[0, k]:
-                moved = by_place[columns] @ shapes + by_rate[columns] @ turning
+        first = np.cumsum([0, *(len(one.columns) for one in self._groups[:-1])])
+        every = (one[:, self._columns] ** 2 for one in (change, whole))
+        squares, whole = (np.add.reduceat(one, first, axis=1) for one in every)
+        whole *= not own.is_turned(self._duration)
+        sizes = np.sqrt(np.minimum(squares, np.where(self._powers == 2, whole, np.inf)))
+        for k, row in enumerate(sizes.argmax(axis=0)):
+            if sizes[row, k] > largest[0, k]:
+                at = self._groups[k].columns
+                moved = by_place[at] @ shapes + by_rate[at] @ turning
                 j = some[np.argmax(np.abs(parts).max(axis=0) * np.linalg.norm(moved, axis=0))]
                 ratio = np.sqrt(1.0 + 2.0 * own.drift[j] / own.frequency[j])
                 hertz = own.frequency[j] / ratio / (2.0 * np.pi)
-                largest[:, k] = sizes[row], t[row], hertz, ratio - 1.0
+                largest[:, k] = sizes[row, k], t[row], hertz, ratio - 1.0
                 number[k] = int(own.shares[:, j].argmax())
         self._largest, self._body = largest, number
 
