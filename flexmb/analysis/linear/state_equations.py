@@ -55,7 +55,6 @@ _DERIVATIVES = {
 # cv > 0.
 _DOMINANT, _NEGLIGIBLE = 2.0**60, 2.0**-120
 _SLIDE = 0.25  # way that a joint slides, over the model, that is as a rotation of 1 rad
-_NO_MASS = 1e-22  # over the largest mass: what is left of negligible damping
 
 
 class Tangents(NamedTuple):
@@ -243,13 +242,15 @@ def sensor_amplitudes(equations: StateEquations, omega: Array, X: Array, lam: Ar
     return change
 
 
-def multipliers_of(at: Tangents, forces: Array) -> Array:
+def multipliers_of(at: Tangents, forces: Array, massless: IntArray) -> Array:
     """(nc, k) λ with M a + Cqᵀ λ = F, Cq a = 0: what holds the scene under forces F (nv, k).
 
-    What forces leave over accelerates it, so that light bodies get no more than their share.
+    What forces leave over accelerates it, so that light bodies get no more than their share. In M
+    coordinates that are `massless` have what is left of negligible damping.
     """
-    mass, most = at.M.diagonal(), max(float(at.M.diagonal().max(initial=0.0)), 1e-300)
-    scale = 1.0 / np.sqrt(np.where(mass > _NO_MASS * most, mass, most))
+    mass = at.M.diagonal().copy()
+    mass[massless] = 0.0
+    scale = 1.0 / np.sqrt(np.where(mass > 0.0, mass, max(mass.max(initial=0.0), 1e-300)))
     C = at.Cq * scale
     size = max(float(np.abs(C).max(initial=0.0)), 1e-300)
     A = np.block([[scale[:, None] * at.M * scale, C.T / size], [C / size, np.zeros((len(C),) * 2)]])
@@ -260,7 +261,9 @@ def multipliers_of(at: Tangents, forces: Array) -> Array:
 def amplitudes_of(equations: StateEquations, at: Tangents, X: Array, omega: Array) -> Array:
     """(2, channels + 12 n, k) changes of sensors and reactions by vibrations X (nv, k), and by
     their rates."""
-    lam = multipliers_of(at, at.M @ X * omega**2 - at.K @ X)
+    coordinates = equations.compiled.system.parts.coordinates
+    massless = coordinates["iv"][coordinates["m"] == 0.0]
+    lam = multipliers_of(at, at.M @ X * omega**2 - at.K @ X, massless)
     own = sensor_amplitudes(equations, omega, X, lam)
     own[1] /= omega
     return own

@@ -52,7 +52,7 @@ def test_angles_without_mass_do_not_hide_multipliers() -> None:
     angle sensor 0.01 % of forces were told for 50 %."""
     M, Cq = np.diag([2.0, 3.0, 1e-37]), np.array([[1.0, 0.0, 0.0], [0.0, 1.0, -1.0]])
     at = Tangents(M, np.zeros((3, 3)), np.zeros((3, 3)), Cq, Cq.T)
-    lam = multipliers_of(at, np.array([[5.0], [7.0], [0.0]]))
+    lam = multipliers_of(at, np.array([[5.0], [7.0], [0.0]]), np.array([2]))
     np.testing.assert_allclose(lam[:, 0], [5.0, 0.0], atol=1e-9)
 
 
