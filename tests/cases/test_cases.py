@@ -19,6 +19,11 @@ LONG = {"excavator", "flexible_manipulator", "hub_beam", "misaligned_four_bar",
         "parallel_manipulator", "rotating_beam_spin_up", "slider_crank_speeds",
         "spacecraft_panels", "test_set_crank"}  # fmt: skip
 
+# Runs of seconds.
+SLOWER = {"diaphragm", "excavator/flexible", "misaligned_four_bar", "rotating_beam_frequencies",
+          "rotating_beam_spin_up/zeroth_order", "rotating_plate", "spacecraft_panels",
+          "spinning_disc", "tapered_box", "tuning_fork", "wheel"}  # fmt: skip
+
 # Changes that shorten a run without leaving the tolerances of its checks.
 SHORTER = {
     "slider_crank": {"dynamics.step": "4e-5", "dynamics.outputs": "80", "bodies.rod.modes": "4"}
@@ -49,7 +54,15 @@ def run(scene: Path, folder: Path, overrides: dict[str, str]) -> None:
     assert report.statistics.get("energy_balance_error", 0.0) < max(1e-4, asked)
 
 
-@pytest.mark.parametrize("scene", [path for path in CASES if runs(path)], ids=case_name)
+@pytest.mark.parametrize(
+    "scene",
+    [
+        pytest.param(path, marks=pytest.mark.seconds) if case_name(path) in SLOWER else path
+        for path in CASES
+        if runs(path)
+    ],
+    ids=case_name,
+)
 def test_a_case_gives_its_known_answers(scene: Path, tmp_path: Path) -> None:
     run(scene, tmp_path, SHORTER.get(case_name(scene), {}))
 

@@ -9,7 +9,8 @@ import pytest
 from manualkit import blocks, pages, run_page
 
 PAGES = pages()
-LONG = {"audit", "flexible-bodies", "pictures", "reduction", "results", "scenes", "statics"}
+LONG = {"README", "audit", "first-machine", "flexible-bodies", "pictures", "reduction", "results",
+        "scenes", "statics"}  # fmt: skip
 """Pages whose blocks take seconds."""
 SLOW = [
     name

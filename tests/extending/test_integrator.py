@@ -39,6 +39,7 @@ def test_a_new_integrator_has_its_order_and_reaches_an_accuracy(tmp_path: Path) 
     assert error / 3 < measured < 3 * error
 
 
+@pytest.mark.seconds
 def test_the_new_integrator_is_listed_and_allowed(tmp_path: Path) -> None:
     extension = Extension("integrator", tmp_path)
     code = "import sys; from flexmb.cli import main; sys.argv[1:] = ['list', 'methods']; main()"

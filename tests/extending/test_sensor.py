@@ -69,6 +69,7 @@ def test_a_new_sensor_is_recorded_and_a_force_follows_it(tmp_path: Path) -> None
     assert float(followed) < 1e-10  # the gradient lets the tangent know how the force changes
 
 
+@pytest.mark.seconds
 def test_the_new_sensor_is_listed_and_its_mistakes_are_reported(tmp_path: Path) -> None:
     extension = Extension("sensor", tmp_path)
     code = "import sys; from flexmb.cli import main; sys.argv[1:] = ['list', 'sensors']; main()"

@@ -46,8 +46,10 @@ class Hard:
         By method: the sentence with which a run says that it did not reach what was asked.
     warns : str
         What one of the sentences of a run that finishes contains.
+    seconds : bool
+        Left out of the part of a minute, but not longer than some seconds.
     slow : bool
-        Left out of the part of a minute.
+        Left out of both.
     quick : tuple of str
         Methods by which it is part of it all the same.
     """
@@ -64,6 +66,7 @@ class Hard:
     stops: Mapping[str, str] = field(default_factory=dict)
     misses: Mapping[str, str] = field(default_factory=dict)
     warns: str = ""
+    seconds: bool = False
     slow: bool = False
     quick: tuple[str, ...] = ()
 

@@ -128,7 +128,8 @@ CASES = {
         1e-3, lambda: parallelograms(2), off_parallelograms(2),
         {"duration": 10.0, "outputs": 400, "accuracy": 1e-5},
         {**FAST, "generalized-alpha": {"accuracy": None, "step": 2e-4}},
-        stops={"radau": "singular"}, slow=True, quick=("auto", "generalized-alpha", "explicit-rk"),
+        stops={"radau": "singular"}, seconds=True, slow=True,
+        quick=("auto", "generalized-alpha", "explicit-rk"),
     ),
     "forty parallelograms through the horizontal": Hard(
         "The rank drops by forty at once.",

@@ -314,13 +314,14 @@ CASES = {
         "The pins of a four-bar of 3 kg are bushings of 1e8 N/m.",
         "The motion of the four-bar with pins to 1e-3: loads over stiffness are 1e-6 m.",
         1e-3, on_bushings, off_four_bar, {**RUN, "duration": 0.4}, every(5e-4), stops=BEYOND,
+        seconds=True,
     ),
     "modes of 1e6 rad/s": Hard(
         "A steel bar that swings has 60 modes, up to 1e6 rad/s; fixed steps of 1 ms.",
         "The swing of a rigid bar to 1e-4: it bends by 1e-5 of its length.",
         1e-4, short_waves, off_rigid_rod, {**RUN, "duration": 0.1, "accuracy": 1e-3},
         every(1e-3, "explicit-rk", "coordinate-partitioning", "controlled generalized-alpha"),
-        stops=BEYOND,
+        stops=BEYOND, seconds=True,
     ),
     "damping of 100 %": Hard(
         "All modes of a cantilever are damped critically: rates of 50 to 1e5 1/s, no vibration.",

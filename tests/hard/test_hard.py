@@ -11,7 +11,8 @@ RUNS = [
     pytest.param(
         case, method, id=f"{name}-{method}",
         marks=[pytest.mark.slow]
-        if (case.slow or method not in METHODS) and method not in case.quick else [],
+        if (case.slow or method not in METHODS) and method not in case.quick
+        else [pytest.mark.seconds] if case.seconds else [],
     )
     for cases in CHAPTERS.values()
     for name, case in cases.items()

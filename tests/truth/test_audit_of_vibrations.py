@@ -151,6 +151,7 @@ def planar_arm(word):
     return model
 
 
+@pytest.mark.seconds
 def test_motions_without_inertia_that_frequencies_do_not_show(tmp_path):
     """As the elbow bends, a direction without inertia in each row has some in the mean of the rows.
 

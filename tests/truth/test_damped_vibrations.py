@@ -176,6 +176,7 @@ def gap_of_spring(t, omega):
     return np.where(t < BEGIN, 0.0, np.where(t < END, during(t - BEGIN)[0], late))
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("accuracy", [1e-3, 1e-4])
 @pytest.mark.parametrize("method", ["auto", "radau"])
 def test_a_sensor_that_shows_the_vibration_alone_is_right(method, accuracy):
@@ -202,16 +203,14 @@ def test_a_run_that_is_repeated_for_a_vibration_says_why():
 
 def test_a_resumed_run_states_the_same(tmp_path, monkeypatch):
     monkeypatch.setattr(integration, "_CHUNK_WORK", 12 * 8)
-    made, knobs = shaken(), {"outputs": 100, "method": "radau", "accuracy": 1e-4}
+    made, knobs = shaken(), {"outputs": 100, "method": "radau", "accuracy": 1e-4, "duration": 1.0}
 
     def interrupt(phase, share, detail=""):
         if phase == "integrate" and share > 0.5:
             raise KeyboardInterrupt
 
-    whole = flexmb.simulate(made, output=tmp_path / "whole", duration=1.0, **knobs)
-    part = flexmb.simulate(
-        made, output=tmp_path / "part", progress=interrupt, duration=1.0, **knobs
-    )
+    whole = flexmb.simulate(made, output=tmp_path / "whole", **knobs)
+    part = flexmb.simulate(made, output=tmp_path / "part", progress=interrupt, **knobs)
     again = flexmb.resume(part)
     assert_same_bytes(again.path, whole.path)
     for name, value in whole.statistics.items():
@@ -391,6 +390,7 @@ def dropped():
     return made
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("method", ["radau", "generalized-alpha"])
 def test_of_a_contact(method):
     """Beside a run by a method that follows all vibrations."""

@@ -111,6 +111,7 @@ def test_a_run_begins_where_another_has_ended(tmp_path):
     np.testing.assert_allclose(longer.v[-1], whole.v[-1], atol=1e-3)
 
 
+@pytest.mark.seconds
 def test_driving_torques_are_those_of_the_machine():
     torques = []
     for frames_at in (None, [0, 0, 0]):

@@ -71,6 +71,7 @@ def hung(modes, pull, drive="0", side=0.002):
     return model
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("pull", [50.0, 400.0])
 def test_tension_stiffens_modes_that_are_left_out(pull, tmp_path):
     """A string of 36 and 150 times Euler's load, pulled after its start: 5 and 15 Hz become 56."""

@@ -102,7 +102,12 @@ def test_smooth_friction_creeps_as_it_says():
 
 
 @pytest.mark.parametrize(
-    "method", [pytest.param("radau", marks=pytest.mark.slow), "generalized-alpha", "explicit-rk"]
+    "method",
+    [
+        pytest.param("radau", marks=pytest.mark.slow),
+        pytest.param("generalized-alpha", marks=pytest.mark.seconds),
+        "explicit-rk",
+    ],
 )
 @pytest.mark.parametrize("name", FRICTION)
 def test_stick_and_slip_are_as_accurate_as_told(name, method):
@@ -162,7 +167,9 @@ def test_a_joint_without_load_has_no_friction(kind, method, beside):
     assert found.steps < 100
 
 
-@pytest.mark.parametrize("method", ["radau", "generalized-alpha", "explicit-rk"])
+@pytest.mark.parametrize(
+    "method", ["radau", pytest.param("generalized-alpha", marks=pytest.mark.seconds), "explicit-rk"]
+)
 @pytest.mark.parametrize("place", ["plain", "moved", "beside"])
 def test_friction_begins_with_the_load(place, method):
     """At rest until a force F sets in, then s'' = (F·a - μ N)/m along the axis a of the guide.

@@ -196,6 +196,7 @@ def test_vibrations_that_rows_do_not_show_are_told(kind, outputs):
         assert apart / 2 < float(told[1]) / 100 < 2 * apart
 
 
+@pytest.mark.seconds
 def test_lateral_modes_move_a_distance_along_its_line_only():
     """A tether whose load hangs still, and whose tension stiffens the modes that it lacks: 21 749 %
     of the range of its length were told for 89 %."""

@@ -18,7 +18,7 @@ KINKED = ("max(0, -cos(2*pi*t) - 0.9)", lambda t: max(0.0, -np.cos(2 * np.pi * t
     ("force", "pulses"),
     [
         (SMOOTH, 120), (SMOOTH, 200), (SMOOTH, 1000), (KINKED, 1000), (KINKED, 2000),
-        (KINKED, 4000), (SMOOTH, 4000),
+        (KINKED, 4000), pytest.param(SMOOTH, 4000, marks=pytest.mark.seconds),
     ],
 )  # fmt: skip
 def test_each_pulse_of_a_train_gives_its_momentum(force, pulses, outputs):

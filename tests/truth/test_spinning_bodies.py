@@ -70,6 +70,7 @@ def spin_by_series(t, inertia, spin, step=0.02, terms=28):
     return np.array(found, float)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     ("method", "accuracy", "third"),
     [("radau", 1e-7, 1e-3), ("auto", 1e-8, 1e-3), ("radau", 1e-8, 3e-3)],

@@ -190,6 +190,7 @@ LUGS = "500*(max({0}-2,0)+min({0}+2,0))"  # N m: two lugs with a play of 4 rad
 DISKS = {"a": 0.02, "b": 0.03, "c": 0.05}  # kg m²
 
 
+@pytest.mark.seconds
 def test_disks_with_lugs_that_turn_several_times_are_told_no_error_that_they_lack():
     """A combination lock: each disk takes the next one along, after nearly a turn."""
     made = Model("lock")
