@@ -108,7 +108,7 @@ def reduce(
     plane: str | None = None,
     stress: bool | str = True,
     geometric_stiffening: str = "none",
-    residual: str = "none",
+    residual: str | Callable[[FlexBody], str] = "none",
     refine: int = 0,
     load_points: Sequence[int | Sequence[float]] = (),
     stiffness: Any = None,
@@ -164,11 +164,11 @@ def reduce(
     geometric_stiffening : str
         ``"full"``: internal forces stiffen or soften the body, and its ends approach each other
         when it bends. Needs an interface; takes six static solutions per interface, and six more.
-    residual : str
+    residual : str or callable
         ``"inertia"`` adds up to twelve residual vectors, the static responses to the body's own
         inertia loads: deformation and stress under acceleration and spin are then exact in the
-        static limit.
-        ``"none"`` by default.
+        static limit. ``"none"`` by default. Or a function that takes the body without residual
+        vectors and returns one of these words.
     refine : int
         How many times the mesh is refined first; each time all elements are halved in every
         direction.
@@ -195,7 +195,8 @@ def reduce(
         Says what is wrong, where, and which names are allowed; with a plane also by how much body
         or mesh are not symmetric about it.
     """
-    requested, ratios = check_options(reduction, modes, damping, residual, geometric_stiffening)
+    word = "none" if callable(residual) else residual
+    requested, ratios = check_options(reduction, modes, damping, word, geometric_stiffening)
     where, stiffens = stress_option(stress), geometric_stiffening == "full"
     scale = unit_system(units).factor(L=1)
     connections = {"ties": ties, "masses": masses, "springs": springs}
@@ -241,10 +242,17 @@ def reduce(
     else:
         reduced = reduce_model(
             fe, ends, reduction, requested, progress=progress, mirror=mirror, loads=patterns,
-            residual=residual,
+            residual=word,
         )  # fmt: skip
+    called = name or Path(fe.mesh.source).stem
     elastic = orthonormalise(fe, reduced)
-    body = make_body(name or Path(fe.mesh.source).stem, fe, reduced, elastic, progress)
+    body = make_body(called, fe, reduced, elastic, progress)
+    if callable(residual):
+        check_options(reduction, modes, damping, residual(body), geometric_stiffening)
+        if residual(body) == "inertia" and reduced.with_inertia is not None:
+            word, reduced = "inertia", reduced.with_inertia()
+            elastic = orthonormalise(fe, reduced)
+            body = make_body(called, fe, reduced, elastic, progress)
     omitted = omitted_responses(fe, reduced, elastic)
     body = with_recovery(body, fe, elastic.Phi, where, progress, omitted)
     if not rigid:
@@ -263,8 +271,8 @@ def reduce(
     options: dict[str, Any] = {"units": units, "damping": damping, **connections, "loads": loads}
     options |= {"modes": 20 if modes is None else modes, "mass_matrix": mass_matrix}
     options |= {"reduction": reduction, "plane": plane, "stress": where}
-    options |= {"geometric_stiffening": geometric_stiffening, "residual": residual}
-    options |= {name: word for name, word in (("rigid", rigid), ("refine", refine)) if word}
+    options |= {"geometric_stiffening": geometric_stiffening, "residual": word}
+    options |= {key: value for key, value in (("rigid", rigid), ("refine", refine)) if value}
     made = sections_from(sections)
     source = {**body.provenance, **model_provenance(fe, options, interfaces or {}, made, findings)}
     if isinstance(mesh, str | os.PathLike | Mapping):

@@ -218,11 +218,6 @@ def needs_inertia_residuals(model: ModelData, name: str, bodies: Mapping[str, Fl
     )
 
 
-def is_rotated(model: ModelData, name: str) -> bool:
-    """Whether an initial angular velocity or a driver rotates a body."""
-    return next(_rotations(model, name), None) is not None
-
-
 def _accelerations(model: ModelData, name: str, bodies: Mapping[str, FlexBody]) -> Iterator[Array]:
     """(t, 12) numbers of `InertiaResponse` for each prescribed rotation."""
     spec, center = model.bodies[name], bodies[name].center

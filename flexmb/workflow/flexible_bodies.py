@@ -6,9 +6,11 @@ collected over all bodies, each under the name of its body.
 
 from __future__ import annotations
 
+import shutil
 import warnings
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,7 +26,7 @@ from flexmb.errors import (
     ReductionError,
 )
 from flexmb.flexbody.static_response import load_nodes
-from flexmb.model.excitation import is_rotated, load_points, needs_inertia_residuals
+from flexmb.model.excitation import load_points, needs_inertia_residuals
 from flexmb.model.flexible_body import FlexbodySpec
 from flexmb.model.mesh_body import MeshBodySpec
 from flexmb.model.plane import simulated_body
@@ -40,6 +42,8 @@ _PORTS = (f"{port}{number}" for port in ("com", "lpt") for number in range(10))
 _DEVICES = ("con", "prn", "aux", "nul", *_PORTS)  # reserved file names on Windows
 REUSED = "reduction reused from"
 """Start of a note of a run about a reused reduction, which says nothing about the motion."""
+AUDIT = "audit"
+"""Folder beside a result with the runs and reductions of its audit."""
 SIMULATED = ".simulated."
 """Part of a file name: the body as a run uses it, unlike the body as it was reduced."""
 # smallest extent of a body across a line or plane of nodes, over its whole extent
@@ -91,15 +95,18 @@ def flexible_bodies(
             continue
         try:
             if isinstance(spec, MeshBodySpec):
-                stored = None if fresh or inspect else _stored_body(model, name, file, notes)
+                anew = fresh or inspect is not None
+                stored, at = (None, file) if anew else _stored_body(model, name, file, notes)
                 look = None if spec.deformation == "rigid" else inspect
                 reduced = stored or _reduce_body(model, name, look, notes, progress)
             elif isinstance(spec, FlexbodySpec):
-                stored, reduced = None, _source_body(model, name)
+                stored, at, reduced = None, file, _source_body(model, name)
             else:
                 continue
             if stored is None:
                 save(reduced, file)
+            elif at != file:
+                shutil.copy2(at, file)
             bodies[name] = simulated_body(model, name, reduced)
             if bodies[name] is not reduced:  # the reduction remains for runs with other effects
                 files[name] = _simulated(file)
@@ -176,7 +183,7 @@ def bodies_of_surveys(
         if isinstance(spec, FlexbodySpec):
             bodies[name] = _loaded_body(model, name)
         elif isinstance(spec, MeshBodySpec):
-            stored = None if folder is None else _stored_body(model, name, file, [])
+            stored = None if folder is None else _stored_body(model, name, file, [])[0]
             if stored is not None:
                 bodies[name] = simulated_body(model, name, stored)
                 continue
@@ -236,7 +243,9 @@ def under_body(name: str, problems: Iterable[Problem]) -> list[Problem]:
     return full
 
 
-def reduction_input(model: Model, name: str, residual: str = "none") -> tuple[Any, dict[str, Any]]:
+def reduction_input(
+    model: Model, name: str, residual: str | Callable[[FlexBody], str] = "none"
+) -> tuple[Any, dict[str, Any]]:
     """The mesh of a body, as a path or a table, and the options of its reduction.
 
     `residual` replaces the scene's "auto".
@@ -257,8 +266,22 @@ def reduction_input(model: Model, name: str, residual: str = "none") -> tuple[An
     return spec.mesh.model_dump(exclude_none=True), options
 
 
-def _stored_body(model: Model, name: str, file: Path, notes: list[str]) -> FlexBody | None:
-    """The body in the file, if it was made from the same input; else None."""
+def _stored_body(
+    model: Model, name: str, file: Path, notes: list[str]
+) -> tuple[FlexBody | None, Path]:
+    """The body in the file, or in one that an audit left, and which; None if of other input."""
+    root = file.parent.parent.parent if file.parent.parent.name == AUDIT else file.parent
+    for path in (file, *sorted(root.glob(f"{AUDIT}/*/{file.name}"))):
+        body = _equal_body(model, name, path)
+        if body is not None:
+            notes.append(f"{name}: {REUSED} {path}")
+            notes += [f"{name}: {warning}" for warning in body.provenance["warnings"].splitlines()]
+            return body, path
+    return None, file
+
+
+def _equal_body(model: Model, name: str, file: Path) -> FlexBody | None:
+    """The body in a file, if it was made from the same input; else None."""
     from flexmb.fe.reduction.methods import reduction_key
     from flexmb.flexbody import load
 
@@ -274,11 +297,8 @@ def _stored_body(model: Model, name: str, file: Path, notes: list[str]) -> FlexB
     if options.get("residual", "none") != _selected_residual(model, name, body):
         return None
     nodes = () if body.load_response is None else body.load_response.nodes
-    if not np.isin(load_nodes(body.nodes, options.get("load_points", ())), nodes).all():
-        return None
-    notes.append(f"{name}: {REUSED} {file}")
-    notes += [f"{name}: {warning}" for warning in body.provenance["warnings"].splitlines()]
-    return body
+    has_all = np.isin(load_nodes(body.nodes, options.get("load_points", ())), nodes).all()
+    return body if has_all else None
 
 
 def _selected_residual(model: Model, name: str, body: FlexBody) -> str:
@@ -301,15 +321,10 @@ def _reduce_body(
 ) -> FlexBody:
     from flexmb import fe
 
-    rotated = model.bodies[name].reduction != "user" and is_rotated(model, name)  # type: ignore[attr-defined]
-    selected = "inertia" if rotated else "none"
-    for _ in range(2):
-        mesh, options = reduction_input(model, name, selected)
-        with warnings.catch_warnings(record=True) as caught, lengths_in(model.units):
-            warnings.simplefilter("always", FlexmbWarning)
-            body = fe.reduce(mesh, **options, inspect=inspect, progress=progress)
-        selected = _selected_residual(model, name, body)
-        if selected == options.get("residual", "none"):
-            break
+    selected = partial(_selected_residual, model, name)
+    mesh, options = reduction_input(model, name, selected)
+    with warnings.catch_warnings(record=True) as caught, lengths_in(model.units):
+        warnings.simplefilter("always", FlexmbWarning)
+        body = fe.reduce(mesh, **options, inspect=inspect, progress=progress)
     notes += [f"{name}: {entry.message}" for entry in caught]
     return body

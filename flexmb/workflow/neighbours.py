@@ -80,12 +80,12 @@ class ModelVariants:
         from flexmb.flexbody import load
         from flexmb.model import Model
         from flexmb.workflow.compiled_model import damped_as_run
-        from flexmb.workflow.flexible_bodies import SIMULATED
+        from flexmb.workflow.flexible_bodies import AUDIT, SIMULATED
         from flexmb.workflow.resume import load_bodies
 
         model = Model.from_scene_dict(run.model, run.path.parent)
         bodies = load_bodies(run)
-        folder = run.path.parent / "audit"
+        folder = run.path.parent / AUDIT
         compiled = damped_as_run(compile_system(model, bodies), model, run)
         for name, file in run.flexbodies.items():
             spec = model.bodies[name]

@@ -22,6 +22,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from scipy.linalg import block_diag, eigh
@@ -135,41 +136,37 @@ def craig_bampton(
     V[fixed.dofs] = inner[:, numbers]
     relief = InertiaRelief(fe.M, fe.rigid[:, directions])
     inertia = fixed.solve(inertia_loads(fe, mirror))
-    responses, without = fixed_interface_responses(fixed, relief, loads), None
-    if residual == "inertia":
-        without = with_residual_vectors(fe, (omega2, V), responses)
-        responses = np.concatenate([responses, inertia_responses(fe, inertia, mirror)], axis=1)
-    stiff, U = residual_vectors(fe, responses, V)
-    swings = [fixed.solve(fe.M @ fixed.modes), V / omega2, fixed.solve(fe.M @ U)]
-    kind = residual_kind(loads, residual)
+    static = fixed_interface_responses(fixed, relief, loads)
     progress("modes", 1.0)
-    basis = np.concatenate([fixed.modes, V, U], axis=1)
-    M = basis.T @ (fe.M @ basis)
-    c, k = fixed.modes.shape[1], basis.shape[1]
-    rigid, motion = np.zeros((k, len(directions))), np.zeros((len(interfaces), 6, k))
-    rigid[:c] = rigid_motion_of_interfaces(fe, interfaces, directions)
-    motion[:, directions, :c] = np.eye(c).reshape(len(interfaces), len(directions), c)
-    return ReducedBasis(
-        basis,
-        block_diag(fixed.K_modes, np.diag(omega2), np.diag(stiff)),
-        0.5 * (M + M.T),
-        rigid,
-        motion,
-        interfaces,
-        (
+
+    def basis_with(residual: str) -> ReducedBasis:
+        responses, without = static, None
+        if residual == "inertia":
+            without = with_residual_vectors(fe, (omega2, V), static)
+            responses = np.concatenate([static, inertia_responses(fe, inertia, mirror)], axis=1)
+        stiff, U = residual_vectors(fe, responses, V)
+        swings = [fixed.solve(fe.M @ fixed.modes), V / omega2, fixed.solve(fe.M @ U)]
+        kind = residual_kind(loads, residual)
+        basis = np.concatenate([fixed.modes, V, U], axis=1)
+        M = basis.T @ (fe.M @ basis)
+        c, k = fixed.modes.shape[1], basis.shape[1]
+        rigid, motion = np.zeros((k, len(directions))), np.zeros((len(interfaces), 6, k))
+        rigid[:c] = rigid_motion_of_interfaces(fe, interfaces, directions)
+        motion[:, directions, :c] = np.eye(c).reshape(len(interfaces), len(directions), c)
+        names = (
             *interface_labels(interfaces, directions),
             *(f"fixed-interface {number + 1}" for number in numbers),
             *(f"{kind} residual {number + 1}" for number in range(len(stiff))),
-        ),
-        ("constraint",) * c + ("fixed-interface",) * len(omega2) + (kind,) * len(stiff),
-        directions,
-        loads,
-        inertia,
-        without,
-        omitted,
-        fixed.solve,
-        np.concatenate(swings, axis=1),
-    )
+        )
+        kinds = ("constraint",) * c + ("fixed-interface",) * len(omega2) + (kind,) * len(stiff)
+        K = block_diag(fixed.K_modes, np.diag(omega2), np.diag(stiff))
+        return ReducedBasis(
+            basis, K, 0.5 * (M + M.T), rigid, motion, interfaces, names, kinds, directions, loads,
+            inertia, without, omitted, fixed.solve, np.concatenate(swings, axis=1),
+            with_inertia=partial(basis_with, "inertia"),
+        )  # fmt: skip
+
+    return basis_with(residual)
 
 
 def guyan(
@@ -261,48 +258,60 @@ def free_interface(
     omega2, V, omitted = omega2[rows], V[:, rows], omitted_modes_of(V, rows)
     F = np.concatenate([fixed.loads(), load_columns(fe, loads)], axis=1)
     inertia = fixed.solve(inertia_loads(fe, mirror))
-    responses, without = free_body_responses(fixed, relief, F), None
-    if residual == "inertia":
-        without = with_residual_vectors(fe, (omega2, V), responses)
-        further = inertia_responses(fe, relief.fields(inertia), mirror)
-        responses = np.concatenate([responses, further], axis=1)
-    stiff, U = residual_vectors(fe, responses, V)
+    responses = free_body_responses(fixed, relief, F)
     progress("modes", 1.0)
-    modes, answers = (omega2, V), (inertia, without, omitted, fixed.solve)
-    made = free_basis(
-        fe, interfaces, directions, modes, (stiff, U), loads, answers, "attachment"
-    )  # fmt: skip
-    return replace(made, accelerations=fixed.solve(fe.M @ made.basis))
+
+    def basis_with(residual: str) -> ReducedBasis:
+        modes, answers = (omega2, V), (inertia, omitted, fixed.solve)
+        basis = free_basis(
+            fe, interfaces, mirror, modes, responses, loads, answers, "attachment",
+            residual, relief,
+        )  # fmt: skip
+        accelerations = fixed.solve(fe.M @ basis.basis)
+        return replace(
+            basis, accelerations=accelerations, with_inertia=partial(basis_with, "inertia")
+        )
+
+    return basis_with(residual)
 
 
 def free_basis(
     fe: FEMatrices,
     interfaces: tuple[ModelInterface, ...],
-    directions: tuple[int, ...],
+    mirror: SymmetryPlane | None,
     modes: Modes,
-    residual: Modes,
+    responses: FloatArray,
     loads: tuple[LoadPattern, ...],
-    answers: tuple[FloatArray, Modes | None, FloatArray, FixedResponse | None],
+    answers: tuple[FloatArray, FloatArray, FixedResponse | None],
     kind: str,
+    residual: str,
+    relief: InertiaRelief,
 ) -> ReducedBasis:
-    """The basis of the rigid motions, free modes and residual vectors of a given kind.
+    """The basis of the rigid motions, free modes and residual vectors of responses to loads.
 
-    `answers` are the static responses to inertia loads, the modes as they are without residual
-    vectors of inertia loads, the omitted modes, and the static response with fixed interfaces.
+    `answers` are the static responses to inertia loads, the omitted modes, and the static response
+    with fixed interfaces. ``residual = "inertia"`` adds residual vectors of inertia loads.
     """
+    inertia, omitted, fixed_response = answers
+    directions, without = directions_of(mirror), None
+    if residual == "inertia":
+        without = with_residual_vectors(fe, modes, responses)
+        further = inertia_responses(fe, relief.fields(inertia), mirror)
+        responses = np.concatenate([responses, further], axis=1)
+    stiff, U = residual_vectors(fe, responses, modes[1])
     R = fe.rigid[:, directions]
-    basis = np.concatenate([R, modes[1], residual[1]], axis=1)
+    basis = np.concatenate([R, modes[1], U], axis=1)
     M = basis.T @ (fe.M @ basis)
     # not omega^2, so that a motion without stiffness is detected
     K = modes[1].T @ (fe.K @ modes[1])
-    r, m, k = R.shape[1], len(modes[0]), len(residual[0])
+    r, m, k = R.shape[1], len(modes[0]), len(stiff)
     motion = np.zeros((len(interfaces), 6, r + m + k))
     for number, interface in enumerate(interfaces):
         motion[number, directions] = interface.motion(basis)[list(directions)]
     name = "residual attachment" if interfaces else f"{kind} residual"
     return ReducedBasis(
         basis,
-        block_diag(np.zeros((r, r)), 0.5 * (K + K.T), np.diag(residual[0])),
+        block_diag(np.zeros((r, r)), 0.5 * (K + K.T), np.diag(stiff)),
         0.5 * (M + M.T),
         np.eye(r + m + k)[:, :r],
         motion,
@@ -313,7 +322,10 @@ def free_basis(
         ("rigid",) * r + ("free",) * m + (kind,) * k,
         directions,
         loads,
-        *answers,
+        inertia,
+        without,
+        omitted,
+        fixed_response,
     )
 
 

@@ -7,6 +7,8 @@ minus their resultant (inertia relief): this is the pseudo-inverse.
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -39,11 +41,8 @@ from flexmb.fe.reduction.inertia_relief import (
     InertiaRelief,
     deforming_responses,
     inertia_loads,
-    inertia_responses,
     load_columns,
     residual_kind,
-    residual_vectors,
-    with_residual_vectors,
 )
 from flexmb.fe.reduction.reduced_basis import FREE_HINGE, ReducedBasis, directions_of
 from flexmb.flexbody.arrays import FloatArray
@@ -99,15 +98,17 @@ def free_modes(
     V, omitted = relief.fields(V), relief.fields(omitted)
     F = load_columns(fe, loads)
     responses = deforming_responses(fe, relief.fields(inverse(F)), F) if F.shape[1] else F
-    inertia, without = inverse(inertia_loads(fe, mirror, rigid=False)), None
-    if residual == "inertia":
-        without = with_residual_vectors(fe, (omega2, V), responses)
-        further = inertia_responses(fe, relief.fields(inertia), mirror)
-        responses = np.concatenate([responses, further], axis=1)
+    inertia = inverse(inertia_loads(fe, mirror, rigid=False))
     progress("modes", 1.0)
-    answers = inertia, without, omitted, None
-    vectors, kind = residual_vectors(fe, responses, V), residual_kind(loads, residual)
-    return free_basis(fe, (), directions, (omega2, V), vectors, loads, answers, kind)
+
+    def basis_with(residual: str) -> ReducedBasis:
+        modes, answers, kind = (omega2, V), (inertia, omitted, None), residual_kind(loads, residual)
+        basis = free_basis(
+            fe, (), mirror, modes, responses, loads, answers, kind, residual, relief
+        )  # fmt: skip
+        return replace(basis, with_inertia=partial(basis_with, "inertia"))
+
+    return basis_with(residual)
 
 
 def relieved_inverse(

@@ -68,6 +68,8 @@ class ReducedBasis:
         With the interfaces fixed in all these directions.
     accelerations : (n, k) float, optional
         Static responses of the full model to unit accelerations of these coordinates.
+    with_inertia : callable, optional
+        Makes the basis with residual vectors of inertia loads, of one without, at little cost.
     """
 
     basis: FloatArray
@@ -85,6 +87,7 @@ class ReducedBasis:
     omitted: FloatArray | None = None
     fixed_response: FixedResponse | None = None
     accelerations: FloatArray | None = None
+    with_inertia: Callable[[], ReducedBasis] | None = None
 
     def columns(self, *kinds: str) -> FloatArray:
         """(k,) bool, which columns are of these kinds."""

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import flexmb
+from flexmb.fe.reduction import fixed_interface, free_body
 from flexmb.flexbody import FlexBody, load
 from flexmb.flexbody.effects import rigid_twin
 from flexmb.model import Model
-from flexmb.workflow.flexible_bodies import flexible_bodies
+from flexmb.workflow.flexible_bodies import flexible_bodies, reduction_input
 
 
 def _body(mass: float) -> FlexBody:
@@ -118,3 +120,40 @@ def test_a_rigid_mesh_has_its_mass_properties_without_a_reduction(shape, tmp_pat
     other = {"modes": 9, "deformation": "rigid", "reduction": "free-interface", "damping": 0.01}
     assert "reused" in made(**other)[2][0]
     assert "reused" in made(modes=4)[2][0]
+
+
+@pytest.mark.parametrize("reduction", ["craig-bampton", "free-interface", "free body"])
+@pytest.mark.parametrize(("speed", "residual"), [(300.0, "inertia"), (0.01, "none")])
+def test_a_body_that_turns_is_factorised_once(reduction, speed, residual, tmp_path, monkeypatch):
+    """It was reduced twice, with static responses to inertia and without, where it needs none."""
+    model, solved = _disc(f"{speed}*t"), []
+    spec = model.bodies["disc"]
+    if reduction == "free body":
+        model = Model("disc")
+        model.bodies["disc"] = spec.model_copy(
+            update={"interfaces": {}, "angular_velocity": [0, 0, speed]}
+        )
+        model.set_dynamics(duration=0.01)
+    else:
+        model.bodies["disc"] = spec.model_copy(update={"reduction": reduction})
+    for place in (fixed_interface, free_body):
+        counted = lambda *args, plain=place.factor: solved.append(args[0]) or plain(*args)  # noqa: E731
+        monkeypatch.setattr(place, "factor", counted)
+    bodies, _, _ = flexible_bodies(model, tmp_path)
+    assert bodies["disc"].provenance["residual"] == residual
+    assert len(solved) == 1
+    mesh, words = reduction_input(model, "disc", residual)
+    twin = flexmb.reduce(mesh, **words)
+    assert twin.provenance["key"] == bodies["disc"].provenance["key"]
+    for name in ("K", "Mab", "P", "p"):
+        np.testing.assert_array_equal(getattr(bodies["disc"], name), getattr(twin, name))
+
+
+def test_reductions_of_an_audit_are_reused(tmp_path) -> None:
+    """By later runs in its folder, and by later audits."""
+    model, first = _disc("0.01*t"), tmp_path / "audit" / "deformation"
+    for folder in (first, tmp_path, tmp_path / "audit" / "further_modes"):
+        folder.mkdir(parents=True, exist_ok=True)
+        _, files, notes = flexible_bodies(model, folder)
+        assert any(str(first) in note for note in notes) == (folder != first)
+        assert load(files["disc"]).m == 4
