@@ -248,8 +248,9 @@ def reduce(
     elastic = orthonormalise(fe, reduced)
     body = make_body(called, fe, reduced, elastic, progress)
     if callable(residual):
-        check_options(reduction, modes, damping, residual(body), geometric_stiffening)
-        if residual(body) == "inertia" and reduced.with_inertia is not None:
+        choice = residual(body)
+        check_options(reduction, modes, damping, choice, geometric_stiffening)
+        if choice == "inertia" and reduced.with_inertia is not None:
             word, reduced = "inertia", reduced.with_inertia()
             elastic = orthonormalise(fe, reduced)
             body = make_body(called, fe, reduced, elastic, progress)
