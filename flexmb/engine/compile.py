@@ -316,7 +316,7 @@ def _layout(of: ModelTables, system: System) -> Layout:
 # so that both are certainly on their side of it.
 _TIME_ROUND_OFF = 4e-15
 
-# A jump of the third derivative of a driver that changes its value by less than this share of its
+# A jump of the third derivative of a function that changes its value by less than this share of its
 # range until the next knot is left to the steps, which skip several knots at loose accuracies.
 _LEAST_CHANGE = 5e-7
 
@@ -363,18 +363,18 @@ def time_event_table(
     return _both_sides(np.array(events), end)
 
 
-def kinks_of_drivers(compiled: Compiled, end: float, *, explicit: bool) -> NDArray[np.float64]:
-    """(n, 2) times [s] just before and just after jumps of the third derivative of drivers, apart
-    from the events of the system. Accelerations have kinks there, behind which methods of high
-    order lose it. Those at the ends of rises hardly show in the error of a step from rest: they
-    count for implicit methods, which pass over knots."""
-    system, times = compiled.system, set[float]()
-    drivers = set(system.rows["fun"].tolist())
+def kinks_of_functions(compiled: Compiled, end: float, *, explicit: bool) -> NDArray[np.float64]:
+    """(n, 2) times [s] just before and just after jumps of the third derivative of functions of
+    time, apart from the events of the system. Accelerations have kinks there if they are drivers,
+    their second derivatives if they are loads, behind which methods of high order lose it. Those
+    at the ends of rises hardly show in the error of a step from rest: they count for implicit
+    methods, which pass over knots."""
+    times = set[float]()
     least = _LEAST_CHANGE if explicit else np.inf
-    for ops in (program.ops for k, program in enumerate(compiled.functions) if k in drivers):
-        times.update(derivative_jumps(ops, end, derivatives=3, least_change=least))
+    for program in compiled.functions:
+        times.update(derivative_jumps(program.ops, end, derivatives=3, least_change=least))
     kinks = np.array(sorted(times))
-    edges = np.concatenate([[0.0], system.time_events[:, 0], [end]])
+    edges = np.concatenate([[0.0], compiled.system.time_events[:, 0], [end]])
     after = np.searchsorted(edges, kinks)
     apart = np.minimum(kinks - edges[after - 1], edges[np.minimum(after, len(edges) - 1)] - kinks)
     kinks = kinks[apart > _MIN_TIME_DISTANCE * end]

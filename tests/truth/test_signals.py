@@ -303,3 +303,32 @@ def test_waves_by_inverse_functions(text, wave, kinks):
         assert not found.message and not found.notes
         assert found.is_reached(asked)
         assert not found.is_near(asked) or 1 / 3 < found.share < 3
+
+
+@pytest.mark.parametrize("asked", [1e-6, 1e-7])
+def test_a_load_that_rises_from_rest_by_the_fifth_degree(asked):
+    """No step ended where the third derivative jumps: radau told a tenth of 0.2 and 0.4 times."""
+    begin, end = 1.0, 1.4
+
+    def truth(t):
+        def slope(t, y):
+            u = min(t - begin, end - begin) / (end - begin)
+            load = 0.4 * u**3 * (10 - 15 * u + 6 * u**2) * np.sin(4 * t)
+            return [y[1], (load - 0.3 * 9.81 * np.sin(y[0])) / (0.05 + 0.3**2)]
+
+        y, angle = np.zeros(2), np.zeros(len(t))
+        for first, last in ((begin, end), (end, t[-1])):
+            own, knobs = (t >= first) & (t <= last), {"rtol": 1e-13, "atol": 1e-15}
+            found = solve_ivp(slope, (first, last), y, "DOP853", dense_output=True, **knobs)
+            angle[own], y = found.sol(t[own])[0], found.y[:, -1]
+        return {"angle": angle}
+
+    model = Model("pendulum", gravity=[0, -9.81, 0])
+    model.add_body("rod", mass=1, inertia=[0.05] * 3, center=[0, -0.3, 0])
+    model.add_joint("pin", "revolute", between=["ground", "rod"], axis="z")
+    model.add_force("load", "torque", at="rod", value=[0, 0, "0.4*step5(t, 1, 0, 1.4, 1)*sin(4*t)"])
+    model.add_sensor("angle", "angle", joint="pin")
+    knobs = {"duration": 6.0, "outputs": 100, "accuracy": asked, "method": "radau"}
+    found = judged(model, truth, **knobs)
+    assert found.achieved < 0.1 * asked
+    assert 1 / 3 < found.share < 3

@@ -13,7 +13,7 @@ from flexmb.analysis.singular_poses import singular_pose_sentence
 from flexmb.engine import method
 from flexmb.engine.allocation import equal_times, new_plan, new_run, new_work, output_run
 from flexmb.engine.bodies.static_modes import STATIC_MODES
-from flexmb.engine.compile import Compiled, kinks_of_drivers
+from flexmb.engine.compile import Compiled, kinks_of_functions
 from flexmb.engine.compiled_calls import integrate
 from flexmb.engine.compiled_units import packed_record
 from flexmb.engine.method import time_round_off
@@ -84,7 +84,7 @@ class Integration:
         # a new begin at a kink excites stiff vibrations, which methods of low order keep long
         rough = integrator.order < method.HIGH_ORDER and settings.stiff
         if settings.step == 0.0 and not settings.determinate and not rough:
-            kinks = kinks_of_drivers(compiled, settings.end, explicit=integrator.stages > 0)
+            kinks = kinks_of_functions(compiled, settings.end, explicit=integrator.stages > 0)
             events = np.concatenate([self.time_events, kinks])
             self.time_events = events[np.argsort(events[:, 0])]
         run = new_run(
