@@ -26,9 +26,10 @@ from numpy.typing import ArrayLike
 from flexmb.flexbody.arrays import Array
 
 # Jumps of a derivative below this share of its size are round-off of the construction.
+_ROUND_OFF = 1e-7
 # Of the third derivative, less than that of a cubic spline with 125 points per period of a sine is
 # left to steps, which are as short.
-_JUMPS = np.array([1e-7, 1e-7, 1e-7, 0.05])
+_LEAST_JUMP = 0.05
 _FACTORIALS = np.array([1.0, 1.0, 2.0, 6.0])
 
 
@@ -133,8 +134,9 @@ class Piecewise:
     def jumps(self, derivatives: int = 2, least_change: float = 0.0) -> Array:
         """The knots where the value or one of the first two or three derivatives jumps.
 
-        A jump of the third one counts only if it changes the value, over the distance of the next
-        knot, by more than `least_change` times the range of the values at the knots.
+        A jump of the third one counts if it changes the value, over the distance of the next knot,
+        by more than `least_change` times the range of the values at the knots; without one if it is
+        more than a small share of the largest third derivative.
         """
         n = derivatives + 1
         c, p = self.coefficients, min(n, self.coefficients.shape[1])
@@ -153,8 +155,10 @@ class Piecewise:
         for k in range(1, n):  # what a change over the whole length would be
             size[k] = max(size[k], size[k - 1] / (self.knots[-1] - self.knots[0]))
         apart = np.abs(np.where(inside, right - left, 0.0))
-        jump = apart > _JUMPS[:n] * size
-        if least_change > 0.0:
+        jump = apart > _ROUND_OFF * size
+        if least_change == 0.0:
+            jump[:, 3:] &= apart[:, 3:] > _LEAST_JUMP * size[3:]
+        else:
             widths = np.diff(self.knots)
             nearest = np.minimum(np.append(widths[:1], widths), np.append(widths, widths[-1:]))
             change = apart[:, 3:] * nearest[:, None] ** 3 / 6.0
