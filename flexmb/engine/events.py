@@ -145,8 +145,17 @@ def _record_state(run):
 
 @kernel
 def _crossing_share(events, k):
-    """Share of the step at which event function k crosses zero, by a straight line; 1: never."""
+    """Share of the step at which event function k crosses zero, by a straight line; 1: never.
+
+    Of a vector its component along what it was before counts.
+    """
     a, b = events.before[k]["value"], events.now[k]["value"]
+    if events.now[k]["of_law"] >= 3.0:
+        if events.now[k]["of_law"] == 4.0:
+            return 1.0
+        x, y = a, events.before[k + 1]["value"]
+        a = math.hypot(x, y)
+        b = (x * b + y * events.now[k + 1]["value"]) / a if a > 0.0 else 0.0
     if (a < 0.0 and b > 0.0) or (a > 0.0 and b < 0.0):
         return a / (a - b)
     return 1.0

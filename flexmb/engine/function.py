@@ -49,8 +49,8 @@ OPCODES = {
 
 
 # Number of switches of an operation, arguments at which its formula changes: zero, equal arguments,
-# the nearest knot, or both ends of a step.
-_SWITCH_COUNTS = {ABS: 1, SIGN: 1, MIN: 1, MAX: 1, PIECEWISE: 1, **dict.fromkeys(
+# the nearest knot, or both ends of a step. Of hypot both are one, as one vector.
+_SWITCH_COUNTS = {ABS: 1, SIGN: 1, MIN: 1, MAX: 1, PIECEWISE: 1, HYPOT: 2, **dict.fromkeys(
     (CUBICSTEP, QUINTICSTEP, HAVERSINESTEP, CYCLOIDALSTEP, MODIFIEDSINESTEP), 2
 )}  # fmt: skip
 _MAX_CORNERS = 50  # a piecewise polynomial with more corners than this counts as one without
@@ -399,11 +399,13 @@ def put_switches(
                 a = stack[top - 1, 0] - a
             elif op == PIECEWISE:
                 a = _distance_from_knot(table.data, int(table.args[i]), a)
-            events[n]["value"] = a
+            events[n]["value"] = stack[top - 1, 0] if op == HYPOT else a
             if places == 2:
-                events[n + 1]["value"] = a - 1.0
+                events[n + 1]["value"] = a if op == HYPOT else a - 1.0
             for m in range(n, n + places):
                 events[m]["rate"], events[m]["of_law"] = math.nan, 2.0 if op == SIGN else 1.0
+                if op == HYPOT:
+                    events[m]["of_law"] = 3.0 + (m - n)
             n += places
         top = _operate(table, i, t, variables, stack, top)
     return n

@@ -227,7 +227,8 @@ EVENT_FUNCTION = np.dtype(
         ("value", _F),
         ("rate", _F),  # time derivative, if it may exceed zero within a step and return; else NaN
         # NaN: of an element. 1: of an operation of a function, which may switch any number of
-        # times; 2: the same, where the value of the function jumps
+        # times; 2: the same, where the value of the function jumps; 3, 4: x and y of a vector,
+        # whose zero is where it turns round
         ("of_law", _F),
     ],
     align=True,

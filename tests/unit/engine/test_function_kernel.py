@@ -134,12 +134,9 @@ def distances(expression, gap=0.0, t=0.3, moves=False):
     jets = np.array([[0.0, 0, 0], [gap, 0, 0]])
     assert call(put_switches, table, 0, t, jets, stack_for(table), events, 0) == n
     assert np.isnan(events["rate"]).all()
-    jumps = [
-        op == OPCODES["sign"]
-        for op, n in zip(table.ops, table.switches, strict=True)
-        for _ in range(n)
-    ]
-    np.testing.assert_array_equal(events["of_law"], 1.0 + np.array(jumps, float))
+    kinds = {OPCODES["sign"]: [2.0], OPCODES["hypot"]: [3.0, 4.0]}
+    wanted = [kinds.get(op, [1.0] * n)[:n] for op, n in zip(table.ops, table.switches, strict=True)]
+    np.testing.assert_array_equal(events["of_law"], [kind for some in wanted for kind in some])
     return events["value"]
 
 
@@ -152,6 +149,7 @@ def distances(expression, gap=0.0, t=0.3, moves=False):
         ("min(gap, 0.7) - max(3*t, gap)", [-0.3, 0.5]),
         ("step(gap, 0.2, 1, 0.6, 2)", [0.5, -0.5]),
         ("max(-1, min(1, 5*gap))", [-1.0, -2.0]),  # of the inner one first
+        ("gap*hypot(gap, 3*gap - 1) + hypot(t, 2)", [0.4, 0.2]),  # both at zero
     ],
 )
 def test_where_a_law_changes_with_a_channel(text, wanted):
