@@ -293,6 +293,8 @@ class _Lowering:
         c = exponent[0][1]
         if c == 0:
             return (("const", 1.0),)
+        if c == 0.5 and (length := self.length(node.left)):
+            return length
         return base if c == 1 else self.fold(node, (*base, ("powc", c)))
 
     def call(self, node: ast.Call, name: str) -> Ops:
@@ -304,10 +306,25 @@ class _Lowering:
             raise self.fail(
                 node, f"{name} takes {count} argument{'s' * (count > 1)}, not {count_here}: {usage}"
             )
+        if name == "sqrt" and (length := self.length(node.args[0])):
+            return length
         args = [self.lower(argument) for argument in node.args]
         if name in RISES:
             return self.rise(node, args, RISES[name])
         return self.fold(node, (*(op for ops in args for op in ops), (name, 0.0)))
+
+    def length(self, node: ast.expr) -> Ops:
+        """The root of a sum of squares of channels, by `hypot` or `abs`; empty of all others.
+
+        Their kinks are events, and their derivatives at zero are finite.
+        """
+        constants = {*self.names, *CONSTANTS, *FUNCTIONS, self.variable}
+        parts = list(ast.walk(node)) if self.channels else []
+        if not any(isinstance(part, ast.Name) and part.id not in constants for part in parts):
+            return ()
+        components = [self.lower(one) for one in _components(node)]
+        ops = [op for one in components for op in one] + [("hypot", 0.0)] * (len(components) - 1)
+        return (*ops, ("abs", 0.0)) if len(components) == 1 else tuple(ops)
 
     def rise(self, node: ast.Call, args: list[Ops], rise: str) -> Ops:
         """y0 + (y1 - y0) rise((x - x0)/(x1 - x0)), with the one-argument operation `rise`."""
@@ -327,3 +344,16 @@ class _Lowering:
         if not math.isfinite(value):
             raise self.fail(node, f"the value is {value:g}, no finite number")
         return (("const", value),)
+
+
+def _components(node: ast.expr) -> list[ast.expr]:
+    """What is squared in a square or a sum of squares; empty of all others."""
+    match node:
+        case ast.BinOp(left=base, op=ast.Pow(), right=ast.Constant(value=2)):
+            return [base]
+        case ast.BinOp(left=base, op=ast.Mult(), right=right):
+            return [base] if ast.dump(base) == ast.dump(right) else []
+        case ast.BinOp(left=left, op=ast.Add(), right=right):
+            some, others = _components(left), _components(right)
+            return [*some, *others] if some and others else []
+    return []

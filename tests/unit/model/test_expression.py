@@ -106,3 +106,27 @@ def test_all_functions_can_be_called():
 
 def test_names_in_an_expression():
     assert names_in("a*sin(b*t) + a + pi") == ("a", "b", "t")
+
+
+@pytest.mark.parametrize(
+    ("root", "wanted"),
+    [
+        ("sqrt(v.x**2 + v.y*v.y)", "hypot(v.x, v.y)"),
+        ("(v.x**2 + (2*v.y - 1)**2)**0.5", "hypot(v.x, 2*v.y - 1)"),
+        ("sqrt((gap - 2)**2)", "abs(gap - 2)"),
+    ],
+)
+def test_a_root_of_squares_of_channels_is_a_length(root, wanted):
+    assert parse(root, channels=True).ops == parse(wanted, channels=True).ops
+
+
+@pytest.mark.parametrize("root", ["sqrt(v.x**2 - v.y**2)", "sqrt(v.x**2 + 0.1)", "sqrt(v.x*v.y)"])
+def test_other_roots_remain(root):
+    assert parse(root, channels=True).ops[-1][0] == "sqrt"
+
+
+def test_the_length_of_three_components():
+    ops = parse("sqrt(v.x**2 + v.y**2 + v.z**2)", channels=True)
+    channels = {f"v.{axis}": (size, 0.0, 0.0) for axis, size in zip("xyz", (2, -3, 6), strict=True)}
+    assert ops.value(0.0, channels)[0] == pytest.approx(7, rel=1e-15)
+    assert [op for op, _ in ops.ops if op == "hypot"] == ["hypot"] * 2
