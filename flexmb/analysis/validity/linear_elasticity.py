@@ -148,7 +148,11 @@ class LinearElasticityMonitor:
         self._largest = np.zeros((3, 2, n))  # deflection, rotation, speed: the value, and its time
         self._parts, self._amplitudes = _parts([one.at_rest for one in self._bodies])
         self._own, self._vibrations = _parts([one.in_scene for one in self._bodies])
-        self._every_mode, self._is_motion = every_mode, is_motion
+        words = [getattr(model.bodies[one.columns.name], "deformation", "") for one in self._bodies]
+        self._every_mode, self._vibrate = (
+            every_mode,
+            [is_motion and w != "quasi-static" for w in words],
+        )
         self._nq = compiled.layout.nq  # of the row in which each body rotates fastest: t, q, v
         self._fastest = np.zeros((n, 1 + compiled.layout.nq + compiled.layout.nv))
 
@@ -161,7 +165,7 @@ class LinearElasticityMonitor:
             present = self._amplitudes[self._parts[k]]
             np.maximum(present, amplitude, out=present)
             amplitude, iv = eta @ one.in_scene.amplitudes.T, one.columns.iv + 6
-            if self._is_motion:  # what follows a load does not vibrate
+            if self._vibrate[k]:  # what follows a load does not vibrate
                 amplitude = rows.vd[:, iv : iv + m] @ one.in_scene.amplitudes.T
                 amplitude /= one.in_scene.frequencies**2
             present = self._vibrations[self._own[k]]
