@@ -1,11 +1,10 @@
 """Events: times at which a force law changes or a function of time jumps; steps end there.
 
 State events are zeros of event functions, which the kinds evaluate (stage `events`): the depth of a
-contact or stop and its rate; what makes friction in contacts and joints slide or stick; the
-arguments at which a function of the motion is not smooth (corners of a table, equal arguments of
-max); jumps of the curvature of a curve, or of its slope. One that may exceed zero and return within
-a step is detected from its values and rates at both ends, by the tangents and by the cubic through
-them. Under error control, a step with a zero well inside is repeated shorter, to end a little
+contact or stop and its rate; what makes friction in contacts and joints slide or stick; arguments
+at which a function of the motion is not smooth (corners of a table, equal arguments of max, a
+vector of zero); jumps of the curvature of a curve, or of its slope. One that may exceed zero and
+return within a step is detected from its values and rates at both ends. Under error control, a step with a zero well inside is repeated shorter, to end a little
 before the zero; then a small step ends a little beyond it (regula falsi, with a bounded number of
 tries). No step then has a kink in its stages, to which the error estimate is blind. The step after
 an event is short as well, since forces may grow fast. Fixed steps are not shortened.
@@ -48,9 +47,8 @@ from flexmb.engine.state import Run
 # that crosses moves the model by a small share of the accuracy.
 _AIM_BEFORE, _MAX_OVERRUN, _AIM_BEYOND = 0.98, 3e-4, 1.01
 # Where a force d^n of a fractional n ends, its derivatives are infinite: the error of a step up to
-# there falls as its h^(n + 1), whatever the order. So a step of an explicit method that goes beyond
-# that, or would if it were _NEAR_END times as long, ends at _AIM_BEFORE_END of the way to it: that
-# reduces the error a hundredfold, for one more step.
+# there falls as its h^(n + 1), whatever the order. A step of an explicit method that goes beyond,
+# or would if _NEAR_END times as long, ends at _AIM_BEFORE_END of the way: a hundredth of the error.
 _AIM_BEFORE_END, _NEAR_END = 0.8, 1.1
 _MAX_TRIES = 10
 # Events shorten steps to no less than the smaller of these shares: of the duration of the run, and
@@ -145,20 +143,14 @@ def _record_state(run):
 
 @kernel
 def _crossing_share(events, k):
-    """Share of the step at which event function k crosses zero, by a straight line; 1: never.
-
-    Of a vector its component along what it was before counts.
-    """
+    """Share of the step at which event function k crosses zero, by a straight line; 1: never. Of a
+    vector its component along what it was before counts."""
     a, b = events.before[k]["value"], events.now[k]["value"]
-    if events.now[k]["of_law"] >= 3.0:
-        if events.now[k]["of_law"] == 4.0:
-            return 1.0
-        x, y = a, events.before[k + 1]["value"]
-        a = math.hypot(x, y)
-        b = (x * b + y * events.now[k + 1]["value"]) / a if a > 0.0 else 0.0
-    if (a < 0.0 and b > 0.0) or (a > 0.0 and b < 0.0):
-        return a / (a - b)
-    return 1.0
+    if events.now[k]["of_law"] == 3.0:
+        y = events.before[k + 1]["value"]
+        a, b = a * a + y * y, a * b + y * events.now[k + 1]["value"]
+    crosses = (a < 0.0 and b > 0.0) or (a > 0.0 and b < 0.0)
+    return a / (a - b) if crosses and events.now[k]["of_law"] != 4.0 else 1.0
 
 
 @kernel

@@ -340,6 +340,31 @@ def test_the_state_without_vibrations_leaves_that_of_the_run():
     np.testing.assert_array_equal(begin.v, v)
 
 
+@pytest.mark.parametrize("share", [0.25, 0.7])
+def test_a_light_arm_with_a_heavy_block_tells_its_frequency(share):
+    """Its tip vibrates with ω² + 0.2 Ω², of which ω² - Ω² are left, as 1.2 m Ω² is its tension."""
+    L, h, b = 1.0, 0.01, 0.03
+    light, E_arm = 0.02, 7e10
+    omega = np.sqrt(3 * E_arm * b * h**3 / 12 / (light * 50 * L**3))
+    model = Model("arm")
+    model.add_body(
+        "arm", mesh={"type": "beam", "length": L, "divisions": 10}, modes=4, stress="none",
+        material={"E": E_arm, "nu": 0.3, "density": light / (L * h * b)},
+        sections={"all": {"type": "rectangle", "y": h, "z": b}},
+            interfaces={"root": "start", "tip": "end"}, frame="interface root",
+    )  # fmt: skip
+    model.add_body("block", mass=light * 50, inertia=[1e-4 * light] * 3, position=[L, 0, 0])
+    model.add_joint("hub", "revolute", between=["ground", "arm.root"], axis="z")
+    model.add_joint("grip", "fixed", between=["arm.tip", "block"])
+    turn = f"{share * omega}*step5(t, 0, 0, {6 / omega}, 1)"
+    model.add_driver("motor", joint="hub", angle=turn, prescribes="velocity")
+    model.set_validity(deflection="any", rotation="any")
+    run = flexmb.simulate(model, duration=20 / omega, outputs=300, accuracy=1e-4, verify=False)
+    (note,) = [one for one in run.notes if "stiffening is left out" in one]
+    told = float(re.search(r"too low by about ([\d.]+) %", note)[1]) / 100
+    assert told == pytest.approx(1 - np.sqrt((1 - share**2) / (1 + 0.2 * share**2)), rel=0.1)
+
+
 def hung(**sensor):
     """A thin rod that hangs from a ball joint, a load of 5 kg at its end, which is pushed."""
     model = Model("hung", gravity=[9.81, 0, 0])

@@ -3,17 +3,19 @@
 In: rows of a run, in order. Out: indicators of flexible bodies that bend or twist too far for small
 deformations, and of those that rotate so fast that omitted centrifugal stiffening would change
 their frequencies; the rows in which bodies rotate fastest, in which that is known better than by
-their speed. The deflection is relative to the joints of the body. The speed is that of the joints,
-over the lowest natural frequency of the body as it is joined, of those modes that the motion
-contains. Sources of the bounds: Adams/Flex limits linear bodies to a tenth of their length;
-Kane, Ryan & Banerjee, Dynamics of a cantilever beam attached to a moving base, J. Guidance 10
-(1987) 139, for the loss of stiffness of linear equations: the first frequency of a cantilever is
-too low by the share 0.6 (Ω/ω₁)².
+their speed. The deflection is relative to the joints of the body, the speed that of the joints over
+the lowest natural frequency of the body as joined, others at rest, of those that the motion has.
+Vibrations are those with the mass of others; their accelerations tell which the motion has.
+Sources of the bounds: Adams/Flex limits linear bodies to a tenth of their length; Kane, Ryan &
+Banerjee, Dynamics of a cantilever beam attached to a moving base, J. Guidance 10 (1987) 139, for
+the loss of stiffness of linear equations: the first frequency of a cantilever is too low by the
+share 0.6 (Ω/ω₁)².
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -24,16 +26,15 @@ from numpy.typing import NDArray
 
 from flexmb.analysis.assembly.initial_state import StartValues
 from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, ConstraintRows
+from flexmb.analysis.assembly.mechanism_modes import MechanismModes
 from flexmb.analysis.monitors import Indicator
 from flexmb.engine.compile import Compiled
 from flexmb.engine.tables import BodyColumns
+from flexmb.errors import AssemblyError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array
 from flexmb.flexbody.natural_modes import NaturalModes, natural_modes
-from flexmb.flexbody.static_response import LARGEST_SHARE
-from flexmb.model.excitation import loads_beside_interfaces, marker_interface
-from flexmb.model.forces.load import BodyLoadSpec
-from flexmb.model.lookup import place_marker
+from flexmb.model.excitation import marker_interface
 from flexmb.model.model import Model
 from flexmb.results.output_block import OutputBlock
 
@@ -55,8 +56,22 @@ _MOST_STATES = 4  # in which changes of frequencies are computed; of other bodie
 _MAX_POINTS = 64  # largest number of points of a body that are monitored
 _MIN_AMPLITUDE = 0.05  # amplitude of a mode over the largest one, if the motion contains it
 _ZERO_FREQUENCY = 1e-5  # frequency over the highest one below which a motion is free
-_MOST_NAMES = 3  # named in a sentence
 _CLAMPS = ("fixed", "prismatic")  # joints that constrain all rotations
+
+
+class _Modes(NamedTuple):
+    """Natural modes of a body as it is joined."""
+
+    frequencies: Array  # (j,) ascending, rad/s
+    amplitudes: Array  # (j, m) largest deflection over the length of each mode, per unit eta
+
+    @classmethod
+    def of(cls, body: FlexBody, deflection: Array, modes: tuple[Array, Array]) -> _Modes:
+        """From frequencies and shapes (m, j), displacements of points (3 k, m) over the length."""
+        frequencies, shapes = modes
+        moved = (deflection @ shapes).reshape(len(deflection) // 3, 3, len(frequencies))
+        sizes = np.linalg.norm(moved, axis=1).max(axis=0, initial=0.0)
+        return cls(frequencies, sizes[:, None] * (shapes.T @ body.K) / frequencies[:, None] ** 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,8 +83,8 @@ class _MonitoredBody:
     rotation: Array  # (3 k, m) rotations of points per unit eta, rad
     turn: Array  # (3, m) rotation of the frame of its joints per unit eta, rad
     inertia: Array  # (3, 3) about the centre of mass, over the largest principal one
-    frequencies: Array  # (j,) of the body as joined, ascending, rad/s
-    amplitudes: Array  # (j, m) largest deflection over the length of each mode, per unit eta
+    at_rest: _Modes  # with all other bodies at rest
+    in_scene: _Modes  # with the mass of other bodies, which are rigid
     is_stiffened: bool  # whether geometric stiffening is included
     coupling: str  # of its inertia
 
@@ -95,47 +110,49 @@ class LinearElasticityMonitor:
         The model.
     q : (nq,) array
         First positions.
+    is_motion : bool
+        Whether the rows are a motion, not separate equilibria.
     every_mode : bool
         Whether the speed is over the lowest of all frequencies, not of those in the motion.
     """
 
     def __init__(
-        self, compiled: Compiled, model: Model, q: Array, *, every_mode: bool = False
+        self,
+        compiled: Compiled,
+        model: Model,
+        q: Array,
+        is_motion: bool = True,
+        *,
+        every_mode: bool = False,
     ) -> None:
-        self._units = model.units
-        self._bodies = []
-        Cq = None
+        self._units, every = model.units, list(range(len(compiled.layout.bodies)))
+        self._bodies, Cq, scene = list[_MonitoredBody](), None, None
         for columns, body in flexible_columns(compiled):
             Cq = constraint_jacobian(compiled, q) if Cq is None else Cq
-            frequencies, shapes = joined_modes(body, columns, q, Cq)
             inertia = body.inertia_about_center
             inertia = inertia / np.linalg.eigvalsh(inertia)[-1]
             frame = joined_frame(body, columns.name, model)
             deflection, rotation = relative_motion(body, frame)
-            sizes = np.linalg.norm(
-                (deflection @ shapes).reshape(len(deflection) // 3, 3, len(frequencies)), axis=1
-            )
-            amounts = (shapes.T @ body.K) / frequencies[:, None] ** 2
-            amplitudes = sizes.max(axis=0, initial=0.0)[:, None] * amounts
+            modes = joined_modes(body, columns, q, Cq)
+            at_rest = in_scene = _Modes.of(body, deflection, modes)
+            with suppress(AssemblyError):  # motions without inertia
+                if len(Cq):
+                    scene = scene or MechanismModes(compiled, q, every, every_mass=True)
+                    own = scene.vibrations(compiled.layout.bodies.index(columns))
+                    in_scene = _Modes.of(body, deflection, (own.omega, own.eta))
             stiffened, spec = body.centrifugal_stiffness is not None, model.bodies[columns.name]
-            self._bodies.append(
-                _MonitoredBody(
-                    columns,
-                    deflection,
-                    rotation,
-                    frame.turn,
-                    inertia,
-                    frequencies,
-                    amplitudes,
-                    stiffened,
-                    getattr(spec, "inertia_coupling", "full"),
-                )  # fmt: skip
-            )
+            coupling = getattr(spec, "inertia_coupling", "full")
+            motions = columns, deflection, rotation, frame.turn, inertia, at_rest, in_scene
+            self._bodies.append(_MonitoredBody(*motions, stiffened, coupling))
         n = len(self._bodies)
         self._largest = np.zeros((3, 2, n))  # deflection, rotation, speed: the value, and its time
-        ends = np.cumsum([0, *(len(one.frequencies) for one in self._bodies)])
-        self._parts = [slice(*pair) for pair in pairwise(ends)]
-        self._amplitudes, self._every_mode = np.zeros(ends[-1]), every_mode
+        self._parts, self._amplitudes = _parts([one.at_rest for one in self._bodies])
+        self._own, self._vibrations = _parts([one.in_scene for one in self._bodies])
+        words = [getattr(model.bodies[one.columns.name], "deformation", "") for one in self._bodies]
+        self._every_mode, self._vibrate = (
+            every_mode,
+            [is_motion and w != "quasi-static" for w in words],
+        )
         self._nq = compiled.layout.nq  # of the row in which each body rotates fastest: t, q, v
         self._fastest = np.zeros((n, 1 + compiled.layout.nq + compiled.layout.nv))
 
@@ -144,9 +161,15 @@ class LinearElasticityMonitor:
         for k, one in enumerate(self._bodies):
             iq, m = one.columns.iq + 7, one.columns.m
             eta, speed = rows.q[:, iq : iq + m], one.speeds(rows.v)
-            amplitude = np.abs(eta @ one.amplitudes.T).max(axis=0)
+            amplitude = np.abs(eta @ one.at_rest.amplitudes.T).max(axis=0)
             present = self._amplitudes[self._parts[k]]
             np.maximum(present, amplitude, out=present)
+            amplitude, iv = eta @ one.in_scene.amplitudes.T, one.columns.iv + 6
+            if self._vibrate[k]:  # what follows a load does not vibrate
+                amplitude = rows.vd[:, iv : iv + m] @ one.in_scene.amplitudes.T
+                amplitude /= one.in_scene.frequencies**2
+            present = self._vibrations[self._own[k]]
+            np.maximum(present, np.abs(amplitude).max(axis=0), out=present)
             now = (largest_lengths(eta, one.deflection), largest_lengths(eta, one.rotation), speed)
             for largest, values in zip(self._largest, now, strict=True):
                 row = int(values.argmax())
@@ -160,7 +183,8 @@ class LinearElasticityMonitor:
 
         Of the fastest bodies, since each state takes a linearisation of the whole model.
         """
-        fast = [(self._ratio(k), k) for k in range(len(self._bodies))]
+        lowest = (one.in_scene.frequencies.min(initial=np.inf) for one in self._bodies)
+        fast = [(self._largest[2, 0, k] / one, k) for k, one in enumerate(lowest)]
         left = [k for ratio, k in sorted(fast, reverse=True) if ratio > SLOW]
         left = [k for k in left if not self._has_all_terms(k)]
         for _ in range(_MOST_STATES):
@@ -179,8 +203,9 @@ class LinearElasticityMonitor:
         k = next(k for k, one in enumerate(self._bodies) if one.columns.name == name)
         one = self._bodies[k]
         first = one.columns.iv + 6
-        parts = np.abs(one.amplitudes @ shapes[first : first + one.columns.m]) ** 2
-        return np.asarray(2.0 * parts[self._present(k)].sum(axis=0) >= parts.sum(axis=0))
+        parts = np.abs(one.in_scene.amplitudes @ shapes[first : first + one.columns.m]) ** 2
+        there = self._vibrations[self._own[k]] > _MIN_AMPLITUDE * self._largest[0, 0, k]
+        return np.asarray(2.0 * parts[there].sum(axis=0) >= parts.sum(axis=0))
 
     def _has_all_terms(self, k: int) -> bool:
         return self._bodies[k].is_stiffened and self._bodies[k].coupling == "full"
@@ -193,7 +218,7 @@ class LinearElasticityMonitor:
 
     def _ratio(self, k: int) -> float:
         """Largest speed of a body over the lowest frequency that its motion contains."""
-        lowest = self._bodies[k].frequencies[self._present(k)].min(initial=np.inf)
+        lowest = self._bodies[k].at_rest.frequencies[self._present(k)].min(initial=np.inf)
         return float(self._largest[2, 0, k] / lowest)
 
     def indicators(self) -> Iterator[Indicator]:
@@ -251,6 +276,12 @@ class LinearElasticityMonitor:
             f"{where}, {share} (t = {self._units.say(t, 's', 4)}): {why}, so that {error}; reduce "
             'the body with geometric_stiffening = "full"'
         )
+
+
+def _parts(modes: list[_Modes]) -> tuple[list[slice], Array]:
+    """The part of each body in an array of amplitudes, and this array of zeros."""
+    ends = np.cumsum([0, *(len(one.frequencies) for one in modes)])
+    return [slice(*pair) for pair in pairwise(ends)], np.zeros(ends[-1])
 
 
 def largest_lengths(eta: Array, rows: Array) -> Array:
@@ -311,51 +342,6 @@ def constraint_jacobian(compiled: Compiled, q: Array) -> Array:
     if compiled.layout.nv > MAX_COORDINATES:
         return np.zeros((0, compiled.layout.nv))
     return ConstraintRows(compiled).evaluate(q).Cq
-
-
-def loads_without_response(compiled: Compiled, model: Model) -> Iterator[str]:
-    """A sentence on each load of a body to which its modes have no response."""
-    for name, spec in model.forces.items():
-        if isinstance(spec, BodyLoadSpec) and compiled.flexbodies[spec.body].m:
-            share = compiled.flexbodies[spec.body].load(spec.load).missing_share
-            if share > LARGEST_SHARE:
-                yield (
-                    f"forces.{name}: the modes of bodies.{spec.body} lack {100 * share:.2g} % of "
-                    f'the strain energy of its static response to the load "{spec.load}": leave '
-                    "out its residual = false"
-                )
-
-
-def loads_without_stiffening(compiled: Compiled, model: Model) -> Iterator[str]:
-    """A sentence on each stiffened body with joints and forces whose stiffening is not known.
-
-    It is known at interfaces, and at those nodes with which the body was reduced.
-    """
-    for name, body in compiled.flexbodies.items():
-        if not body.m or body.centrifugal_stiffness is None:
-            continue
-        beside = [
-            one
-            for one in loads_beside_interfaces(model)
-            if one[1] == name and place_marker(model, one[2], compiled.flexbodies).bend is None
-        ]
-        loads, markers = (list(dict.fromkeys(one[k] for one in beside)) for k in (0, 2))
-        whose = "its force does" if len(loads) == 1 else "their forces do"
-        what, cure = "is no interface", "it one"
-        if len(markers) > 1:
-            what, cure = "are no interfaces", "them interfaces"
-        if beside:
-            yield (
-                f"{_some(loads)}: {whose} not stiffen bodies.{name}, because {_some(markers)} "
-                f"{what} of it; make {cure}, or reduce the body with its load_points"
-            )
-
-
-def _some(names: Sequence[str]) -> str:
-    """The first names, and how many more."""
-    most = _MOST_NAMES if len(names) > _MOST_NAMES + 1 else len(names)
-    more = f" and {len(names) - most} more" if len(names) > most else ""
-    return ", ".join(names[:most]) + more
 
 
 def joined_interfaces(body: FlexBody, name: str, model: Model) -> dict[str, bool]:

@@ -16,7 +16,7 @@ and frequency, f = f₀ √(1 − P/P_cr), Timoshenko, Vibration Problems in Eng
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property, partial
 
 import numpy as np
@@ -37,7 +37,10 @@ from flexmb.engine.tables import BodyColumns
 from flexmb.errors import AssemblyError
 from flexmb.flexbody import FlexBody
 from flexmb.flexbody.arrays import Array, IntArray
+from flexmb.flexbody.static_response import LARGEST_SHARE
+from flexmb.model.excitation import loads_beside_interfaces
 from flexmb.model.forces.load import BodyLoadSpec
+from flexmb.model.lookup import place_marker
 from flexmb.model.model import Model
 from flexmb.results.output_block import OutputBlock
 from flexmb.units import percent
@@ -56,6 +59,7 @@ _ROWS_AT_ONCE = 100  # rows whose means are computed together: the weight of the
 # What rates do not explain, over the change of the distance of the ends, from which on it is none
 # of a slow motion.
 _FAST = 0.3
+_MOST_NAMES = 3  # named in a sentence
 _NO_FREQUENCY = 10.0  # error from which on there is no such frequency
 
 
@@ -349,3 +353,48 @@ def period_means(
         mean = means[part][-1]
     counts = np.where(passed > _RARE_ROWS, slow, 0.0)
     return mean, means + counts * (values - means)
+
+
+def loads_without_response(compiled: Compiled, model: Model) -> Iterator[str]:
+    """A sentence on each load of a body to which its modes have no response."""
+    for name, spec in model.forces.items():
+        if isinstance(spec, BodyLoadSpec) and compiled.flexbodies[spec.body].m:
+            share = compiled.flexbodies[spec.body].load(spec.load).missing_share
+            if share > LARGEST_SHARE:
+                yield (
+                    f"forces.{name}: the modes of bodies.{spec.body} lack {100 * share:.2g} % of "
+                    f'the strain energy of its static response to the load "{spec.load}": leave '
+                    "out its residual = false"
+                )
+
+
+def loads_without_stiffening(compiled: Compiled, model: Model) -> Iterator[str]:
+    """A sentence on each stiffened body with joints and forces whose stiffening is not known.
+
+    It is known at interfaces, and at those nodes with which the body was reduced.
+    """
+    for name, body in compiled.flexbodies.items():
+        if not body.m or body.centrifugal_stiffness is None:
+            continue
+        beside = [
+            one
+            for one in loads_beside_interfaces(model)
+            if one[1] == name and place_marker(model, one[2], compiled.flexbodies).bend is None
+        ]
+        loads, markers = (list(dict.fromkeys(one[k] for one in beside)) for k in (0, 2))
+        whose = "its force does" if len(loads) == 1 else "their forces do"
+        what, cure = "is no interface", "it one"
+        if len(markers) > 1:
+            what, cure = "are no interfaces", "them interfaces"
+        if beside:
+            yield (
+                f"{_some(loads)}: {whose} not stiffen bodies.{name}, because {_some(markers)} "
+                f"{what} of it; make {cure}, or reduce the body with its load_points"
+            )
+
+
+def _some(names: Sequence[str]) -> str:
+    """The first names, and how many more."""
+    most = _MOST_NAMES if len(names) > _MOST_NAMES + 1 else len(names)
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(names[:most]) + more

@@ -32,10 +32,13 @@ from flexmb.analysis.validity.linear_elasticity import (
     SLOW,
     LinearElasticityMonitor,
     flexible_columns,
+)
+from flexmb.analysis.validity.load_factor import (
+    LARGEST_ERROR,
+    LoadFactorMonitor,
     loads_without_response,
     loads_without_stiffening,
 )
-from flexmb.analysis.validity.load_factor import LARGEST_ERROR, LoadFactorMonitor
 from flexmb.analysis.validity.modal_basis import ModalBasisMonitor
 from flexmb.analysis.validity.omitted_stiffening import (
     OmittedBendMonitor,
@@ -86,7 +89,7 @@ class ValidityMonitor:
         *, is_judged: bool = True,
     ) -> None:  # fmt: skip
         self._spec, self._compiled, self._model = model.validity or ValiditySpec(), compiled, model
-        self._elasticity = LinearElasticityMonitor(compiled, model, q)
+        self._elasticity = LinearElasticityMonitor(compiled, model, q, is_motion)
         self._basis = ModalBasisMonitor(compiled, model, is_motion)
         self._load_factor = LoadFactorMonitor(compiled, model, q, is_motion)
         self._inertia = _inertia_monitor(compiled, model, q)

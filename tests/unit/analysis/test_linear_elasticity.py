@@ -8,11 +8,8 @@ from flexiblescenes import STEEL, flexible_crank, rod
 from shellkit import sheet
 
 from flexmb.analysis.assembly.jacobian import ConstraintRows
-from flexmb.analysis.validity.linear_elasticity import (
-    LinearElasticityMonitor,
-    joined_modes,
-    loads_without_stiffening,
-)
+from flexmb.analysis.validity.linear_elasticity import LinearElasticityMonitor, joined_modes
+from flexmb.analysis.validity.load_factor import loads_without_stiffening
 from flexmb.analysis.validity.modal_basis import ModalBasisMonitor
 from flexmb.engine.compile import compile_system
 from flexmb.fe import reduce, shell
