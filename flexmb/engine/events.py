@@ -4,10 +4,10 @@ State events are zeros of event functions, which the kinds evaluate (stage `even
 contact or stop and its rate; what makes friction in contacts and joints slide or stick; arguments
 at which a function of the motion is not smooth (corners of a table, equal arguments of max, a
 vector of zero); jumps of the curvature of a curve, or of its slope. One that may exceed zero and
-return within a step is detected from its values and rates at both ends. Under error control, a step with a zero well inside is repeated shorter, to end a little
-before the zero; then a small step ends a little beyond it (regula falsi, with a bounded number of
-tries). No step then has a kink in its stages, to which the error estimate is blind. The step after
-an event is short as well, since forces may grow fast. Fixed steps are not shortened.
+return within a step is detected from its values and rates at both ends. Under error control, a step
+with a zero well inside is repeated shorter, to end a little before the zero; then a small step ends
+a little beyond it (regula falsi, in a few tries). No step then has a kink, which no estimate sees.
+The step after an event is short too, as forces may grow fast. Fixed steps are not shortened.
 Source: Shampine & Thompson, Event location for ODEs, Comput. Math. Appl. 39 (2000) 43.
 
 Time events: integration formulas assume that forces and motions are smooth within a step. If a
