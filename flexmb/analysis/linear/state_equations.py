@@ -45,6 +45,7 @@ Complex = NDArray[np.complex128]
 _STEP = 1e-5  # of motions of unit size, for differences of wrenches
 _SENSOR_STEP = 1e-4  # of a motion for differences of sensors, over the size of the model
 _LEAST_REACTION, _LEAST_RANGE = 1e-3, 1e-6  # range over the largest that is judged; of sensors
+_LEAST_MOTION = 1e-7  # range of a channel, by the size of the model and the run, that is a motion
 _DERIVATIVES = {
     **dict.fromkeys(("position", "distance", "stroke", "angle", "second_angle"), 0),
     **dict.fromkeys(("velocity", "angular_velocity"), 1),
@@ -349,6 +350,15 @@ def by_unit(
     others = (turn if one.unit.startswith("rad") else way for one in groups)
     pairs = zip(groups, others, strict=True)
     return np.array([values.get(one.unit, other) for one, other in pairs])
+
+
+def least_ranges(compiled: Compiled, groups: list[ChannelGroup], duration: float) -> Array:
+    """(groups,) range below which each does not move, by the size of the model and of the run."""
+    size, mass = compiled.length, float(compiled.system.parts.bodies["mass"].sum())
+    sizes = by_unit(groups, mass * size, mass * size**2, 1.0, size)
+    powers = np.array([max(one.derivatives, 0) for one in groups], np.int64)
+    rate = 2.0 * np.pi / duration if duration else 0.0
+    return np.asarray(_LEAST_MOTION * sizes * rate**powers)
 
 
 def which_move(groups: list[ChannelGroup], ranges: Array) -> NDArray[np.bool_]:

@@ -50,6 +50,7 @@ from flexmb.analysis.linear.state_equations import (
     amplitudes_of,
     by_unit,
     channel_groups,
+    least_ranges,
     relative_poses,
     relative_rotations,
     which_move,
@@ -83,7 +84,6 @@ _MOST_POSES = 24
 _EXACT_POSES = 3  # with exact frequencies, after which no others are computed
 _SMALL_CHANGE = 0.5 * LARGEST_CHANGE  # below which the bound of a change needs no further look
 _MOST_TURN = 2.0 * np.pi  # of a body between two rows [rad]: what it lacks is not known beyond
-_LEAST_RANGE = 1e-7  # range of a channel, by the size of the model and the run, that is a motion
 
 
 class FrequencyErrorMonitor:
@@ -121,10 +121,9 @@ class FrequencyErrorMonitor:
         self._joined = relative_rotations(compiled, model)
         n_o, nv = sum(len(one.omega) for one in self._bodies), compiled.layout.nv
         self._duration = model.dynamics.duration if model.dynamics else 0.0
-        self._mass, size = float(compiled.system.parts.bodies["mass"].sum()), compiled.length
+        self._mass = float(compiled.system.parts.bodies["mass"].sum())
         self._slowest = 1.0 / (self._duration or np.inf)
-        sizes = by_unit(self._groups, self._mass * size, self._mass * size**2, 1.0, size)
-        self._least_ranges = _LEAST_RANGE * sizes * (2.0 * np.pi * self._slowest) ** self._powers
+        self._least_ranges = least_ranges(compiled, self._groups, self._duration)
         # States of the mean tensions; means up to each of the rows at hand.
         self._tensions, self._tension = np.full((len(self._bodies), 3), np.nan), np.zeros((0, 0))
         self._tightest = np.zeros(len(self._bodies))  # largest mean tension so far

@@ -14,7 +14,8 @@ ch. 2).
 
 A vibration of amplitude d moves a sensor, and adds Cqᵀ λ = ω² M φ − K φ to the reactions, in the
 pose that the scene has then. Those of several vibrations are added as in shock spectra, by the root
-of the sum of their squares.
+of the sum of their squares; of one frequency, as in symmetric bodies, with their phases, since any
+two combinations of such vibrations may stand for them.
 """
 
 from __future__ import annotations
@@ -29,8 +30,10 @@ from flexmb.analysis.assembly.jacobian import MAX_COORDINATES, n_free
 from flexmb.analysis.assembly.mechanism_modes import MechanismModes
 from flexmb.analysis.functions_of_time import AT_ONCE, kinked_functions
 from flexmb.analysis.linear.state_equations import (
+    Complex,
     StateEquations,
     channel_groups,
+    least_ranges,
     sensor_amplitudes,
     which_move,
 )
@@ -91,20 +94,20 @@ class VibrationResponse:
         self._rate = np.zeros(len(omega))  # of the static response at the end of the last piece
 
     @property
-    def amplitude(self) -> Array:
-        """(k,) amplitude of d if the loads stay as they are."""
-        return np.asarray(np.abs(self.turning / self._decay))
+    def amplitude(self) -> Complex:
+        """(k,) amplitude of d, with its phase, if the loads stay as they are."""
+        return np.asarray(self.turning / np.abs(self._decay))
 
     def jump(self, change: Array) -> None:
         """Change of the static response (k,) at once."""
         self.turning = self.turning + np.conj(self._decay) * change
 
-    def follow(self, h: float, before: Array, after: Array, rates: tuple[Array, Array]) -> Array:
+    def follow(self, h: float, before: Array, after: Array, rates: tuple[Array, Array]) -> Complex:
         """Integrate over h seconds, with the static response a cubic from `before` to `after` (k,).
 
         `rates` (k,) are those at both ends. A difference of the first one from the last rate, a
-        kink, is an impulse on the vibrations. Returns the largest |d| (k,) in this time: the
-        amplitude, if d passes it.
+        kink, is an impulse on the vibrations. Returns the largest |d| (k,) in this time, the
+        amplitude if d passes it, with the phase of d.
         """
         begin, end = rates
         self.turning = self.turning - (begin - self._rate)
@@ -123,8 +126,9 @@ class VibrationResponse:
         )  # ∫ e^{λ(h − s)} s ds / h
         self.turning = turn * self.turning - first * once - (last - first) * twice
         self._rate = end
-        d = self.turning.imag / self._decay.imag
-        return np.where(passes, np.maximum(largest, self.amplitude), np.abs(d))
+        motion, d = self.amplitude, np.abs(self.turning.imag / self._decay.imag)
+        most = np.where(np.abs(motion) > np.abs(largest), motion, largest)
+        return np.where(passes, most, d * np.exp(1j * np.angle(motion)))
 
 
 class OmittedVibrationMonitor:
@@ -169,6 +173,8 @@ class OmittedVibrationMonitor:
         self._shapes = X[self._modal]
         by_deformation = self._shapes.T @ self._K / self._omega[:, None]  # a ω per unit of eta
         lacking, beginning = by_deformation * gone[:, None], by_deformation
+        apart = np.diff(self._omega, prepend=self._omega[:1]) > _DAMPING * self._omega
+        self._frequency = np.cumsum(apart)  # (k,) number: vibrations of one are in phase
         self._share = np.zeros(len(gone))  # of the mass of each vibration that the run lacks
         if len(still):
             beginning = lacking
@@ -176,7 +182,7 @@ class OmittedVibrationMonitor:
             lacking = self._shapes.T @ self._missing_mass()
             self._share = (lacking * self._shapes.T).sum(axis=1).clip(0.0, _MOST_SHARE)
             lacking = lacking * self._omega[:, None]
-        self._rates = np.zeros(len(gone))  # largest of vibrations that rows do not resolve
+        self._rates = np.zeros(len(gone), complex)  # largest of vibrations that rows do not resolve
         self._slope = np.full(len(gone), np.nan)  # of the modal parts, to the last row
         self._begun = np.full(1, np.nan)  # time of the first row
         self._parts = np.stack([lacking, beginning])
@@ -189,7 +195,8 @@ class OmittedVibrationMonitor:
         self._loads = kinked_functions(compiled, self._duration) if len(gone) else []
         self._influence = np.full((len(self._loads), len(gone)), np.nan)  # of loads on the parts
         self._begin = np.zeros(1)  # response to the start
-        self._amplitudes = np.zeros((_POSES, len(gone)))  # largest d ω of each part of the run
+        # Largest d ω of each part of the run, with their phases.
+        self._amplitudes = np.zeros((_POSES, len(gone)), complex)
         self._changes: dict[int, Array] = {}  # of channels and reactions, in a pose of each part
         self._least, self._most = np.array(np.inf), np.array(-np.inf)  # of these in the run
         self._equations: StateEquations | None = None
@@ -242,10 +249,10 @@ class OmittedVibrationMonitor:
             try:
                 self._changes[part] = self._changes_of(rows, k)
             except np.linalg.LinAlgError:
-                self._changes[part] = np.zeros((len(self._least), len(self._omega)))
+                self._changes[part] = np.zeros((2, len(self._least), len(self._omega)))
 
     def _changes_of(self, rows: OutputBlock, k: int) -> Array:
-        """(n, k) changes of channels and reactions in the pose of a row, per unit of d ω."""
+        """(2, n, k) changes of channels and reactions in the pose of a row, per unit of d ω."""
         compiled = self._compiled
         if self._equations is None:
             state = new_state(compiled.system, len(compiled.layout.channels))
@@ -258,11 +265,16 @@ class OmittedVibrationMonitor:
         change = sensor_amplitudes(equations, omega, X, lam)
         turn = X[self._modal].T @ self._K @ self._shapes / omega[:, None] ** 2
         change = change[:, : len(self._least)]  # an audit's rows have no reactions
-        return np.asarray(np.linalg.norm(change @ turn / self._omega, axis=0))
+        return np.asarray(change @ turn / self._omega)
 
-    def _update_largest(self, missing: Array, time: float) -> None:
+    def _larger(self, now: Complex, before: Complex) -> Complex:
+        """(k,) of the vibrations of each frequency those that are larger."""
+        sizes = (np.bincount(self._frequency, np.abs(x) ** 2) for x in (now, before))
+        return np.where(np.greater(*sizes)[self._frequency], now, before)
+
+    def _update_largest(self, missing: Complex, time: float) -> None:
         part = min(int(_POSES * time / self._duration), _POSES - 1) if self._duration else 0
-        self._amplitudes[part] = np.maximum(self._amplitudes[part], missing)
+        self._amplitudes[part] = self._larger(missing, self._amplitudes[part])
         size = float(np.linalg.norm(missing))
         if size > self._largest[0]:
             self._largest[:2] = size, time
@@ -283,10 +295,10 @@ class OmittedVibrationMonitor:
             self._update_largest(missing, time)
         self._bent = np.array([h < end - t])
         slope = (now[1] - last[1]) / (end - t)
-        rates, self._slope = np.abs(last[2] - 0.5 * (slope + self._slope)), slope
+        rates, self._slope = last[2] - 0.5 * (slope + self._slope), slope
         self._update_largest(self._beats(end - t, rates, end), end)
 
-    def _beats(self, h: float, rates: Array, time: float) -> Array:
+    def _beats(self, h: float, rates: Array, time: float) -> Complex:
         """(k,) amplitude of d where the run itself vibrates faster than rows show.
 
         `rates` (k,) are those of a in a row, less the mean slope of the steps h beside it. With the
@@ -294,7 +306,7 @@ class OmittedVibrationMonitor:
         amplitude times sin((ω' − ω) t/2).
         """
         fast = (self._omega * h > RESOLVED) & (self._share > _LEAST_SHARE)
-        self._rates = np.where(fast, np.fmax(self._rates, rates), self._rates)
+        self._rates = self._larger(np.where(fast, rates, 0.0), self._rates)
         own, share = self._omega / np.sqrt(1.0 - self._share), self._share.clip(_LEAST_SHARE)
         beat = np.sin(np.minimum(0.5 * (own - self._omega) * (time - self._begun), 0.5 * np.pi))
         return np.asarray(2.0 * beat * self._rates / (own * share))
@@ -343,7 +355,7 @@ class OmittedVibrationMonitor:
         large = [one for one in parts if one[0] > _WARNING_LEVEL] or parts[:1]
         words = f"{large[0][1]} would differ by {large[0][2]}"
         words += "".join(f" and {one[1]} by {one[2]}" for one in large[1:])
-        names, most = ", bodies.".join(self._names), self._amplitudes.max(axis=0)
+        names, most = ", bodies.".join(self._names), np.abs(self._amplitudes).max(axis=0)
         most = most * self._gone if self._gone.any() else most
         lowest = self._omega[most >= _LARGE * most.max()].min() / (2.0 * np.pi)
         begin = bool(self._begin[0] > 0.5 * missing)
@@ -359,17 +371,19 @@ class OmittedVibrationMonitor:
         """The sensor or reaction that vibrations change most, and that over its range with them."""
         if not self._changes:
             return "", 0.0
-        squares = (
-            self._changes[min(self._changes, key=lambda k: abs(k - part))] ** 2 @ amplitudes**2
-            for part, amplitudes in enumerate(self._amplitudes)
-            if amplitudes.any()
-        )
-        changes, ranges = np.sqrt(np.max(list(squares), axis=0)), self._most - self._least
+        first, parts = np.unique(self._frequency, return_index=True)[1], list[Array]()
+        for part in np.flatnonzero(self._amplitudes.any(axis=1)):
+            change = self._changes[min(self._changes, key=lambda k: abs(k - part))]
+            own = np.add.reduceat(change * self._amplitudes[part], first, axis=2)
+            parts.append((np.abs(own) ** 2).sum(axis=(0, 2)))
+        changes, ranges = np.sqrt(np.max(parts, axis=0)), self._most - self._least
         groups = list(channel_groups(self._compiled, self._model, len(ranges)))
         change, wide = (
             np.array([np.linalg.norm(x[one.columns]) for one in groups]) for x in (changes, ranges)
         )
         wide = np.maximum(2.0 * change, wide)
-        shares = np.where(which_move(groups, wide), change / np.maximum(wide, 1e-300), 0.0)
+        least = least_ranges(self._compiled, groups, self._duration)
+        moves = which_move(groups, wide) & (wide > least)
+        shares = np.where(moves, change / np.maximum(wide, 1e-300), 0.0)
         k = int(shares.argmax()) if groups else 0
         return (groups[k].name, float(shares[k])) if shares.any() else ("", 0.0)
