@@ -317,7 +317,8 @@ def _layout(of: ModelTables, system: System) -> Layout:
 _TIME_ROUND_OFF = 4e-15
 
 # A jump of the third derivative of a function that changes its value by less than this share of its
-# range until the next knot is left to the steps, which skip several knots at loose accuracies.
+# range until the next knot is left to the steps, which skip several knots at loose accuracies. So
+# is one of a load below the accuracy, as of points that scatter.
 _LEAST_CHANGE = 5e-7
 
 # Jumps that are closer than this fraction of the run count as one.
@@ -363,15 +364,18 @@ def time_event_table(
     return _both_sides(np.array(events), end)
 
 
-def kinks_of_functions(compiled: Compiled, end: float, *, explicit: bool) -> NDArray[np.float64]:
+def kinks_of_functions(
+    compiled: Compiled, end: float, accuracy: float, *, explicit: bool
+) -> NDArray[np.float64]:
     """(n, 2) times [s] just before and just after jumps of the third derivative of functions of
     time, apart from the events of the system. Accelerations have kinks there if they are drivers,
     their second derivatives if they are loads, behind which methods of high order lose it. Those
     at the ends of rises hardly show in the error of a step from rest: they count for implicit
     methods, which pass over knots."""
-    times = set[float]()
-    least = _LEAST_CHANGE if explicit else np.inf
-    for program in compiled.functions:
+    times, drivers = set[float](), set(compiled.system.rows["fun"].tolist())
+    for k, program in enumerate(compiled.functions):
+        least = _LEAST_CHANGE if k in drivers else max(_LEAST_CHANGE, accuracy)
+        least = least if explicit else np.inf
         times.update(derivative_jumps(program.ops, end, derivatives=3, least_change=least))
     kinks = np.array(sorted(times))
     edges = np.concatenate([[0.0], compiled.system.time_events[:, 0], [end]])

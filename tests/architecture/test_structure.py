@@ -14,7 +14,7 @@ from tests.benchmarks import structure
 _ALL = "files with __all__ that are no __init__"
 LARGEST = {
     "files": 402,
-    "lines": 109_900,
+    "lines": 109_910,
     "participles": 30,
     "base names of three and more files": 0,
     _ALL: 0,

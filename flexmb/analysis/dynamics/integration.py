@@ -84,7 +84,9 @@ class Integration:
         # a new begin at a kink excites stiff vibrations, which methods of low order keep long
         rough = integrator.order < method.HIGH_ORDER and settings.stiff
         if settings.step == 0.0 and not settings.determinate and not rough:
-            kinks = kinks_of_functions(compiled, settings.end, explicit=integrator.stages > 0)
+            kinks = kinks_of_functions(
+                compiled, settings.end, settings.accuracy, explicit=integrator.stages > 0
+            )
             events = np.concatenate([self.time_events, kinks])
             self.time_events = events[np.argsort(events[:, 0])]
         run = new_run(

@@ -272,5 +272,5 @@ def test_steps_do_not_end_at_the_points_of_a_smooth_curve_or_of_digits():
 
 def test_a_mechanism_that_only_drivers_move_does_not_end_its_steps_at_kinks():
     run = ready(cart(stroke=WAVE), method="explicit-rk", duration=10.0, outputs=40)
-    assert len(kinks_of_functions(run.compiled, 10.0, explicit=True))
+    assert len(kinks_of_functions(run.compiled, 10.0, 1e-6, explicit=True))
     assert len(run.time_events) == len(run.compiled.system.time_events)
