@@ -20,7 +20,8 @@ LONG = {"excavator", "flexible_manipulator", "hub_beam", "misaligned_four_bar",
         "spacecraft_panels", "test_set_crank"}  # fmt: skip
 
 # Runs of seconds.
-SLOWER = {"diaphragm", "excavator/flexible", "misaligned_four_bar", "rotating_beam_frequencies",
+SLOWER = {"cam_valve/contact_loss", "diaphragm", "excavator/flexible", "flexible_four_bar",
+          "flexible_manipulator", "hub_beam", "misaligned_four_bar", "rotating_beam_frequencies",
           "rotating_beam_spin_up/zeroth_order", "rotating_plate", "spacecraft_panels",
           "spinning_disc", "tapered_box", "tuning_fork", "wheel"}  # fmt: skip
 

@@ -17,6 +17,7 @@ def test_the_model_of_flexmb_moves_as_the_textbook_says(name):
     assert point.error < 1e-8
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("name", SCENES)
 def test_exudyn_goes_to_the_same_motion_with_the_square_of_its_step(name):
     pytest.importorskip("exudyn")

@@ -112,6 +112,7 @@ def test_stiffening_that_takes_mass_in_its_frame_is_told(tmp_path):
     assert least(0.9 * share) > 0.0 > least(1.1 * share)
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     ("frame", "coupling"),
     [("mean axis", "constant"), ("mean axis", "partial"), ("interface root", "constant"),

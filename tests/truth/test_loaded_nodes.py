@@ -62,6 +62,7 @@ def lowest(model, count=3):
     return made[np.argsort(np.abs(made))][:count]
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     "variant",
     [{}, {"place": (1000.0, -200.0, 300.0)}, {"frame": "interface root"}, {"axes": "bar.middle"}],

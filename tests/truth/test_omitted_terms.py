@@ -134,10 +134,11 @@ def test_a_blade_without_stiffening_tells_its_frequency(share, frame):
 CONSTANT = {"geometric_stiffening": "full", "inertia_coupling": "constant"}
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(("share", "frame", "words"), [
     (0.2, "mean axis", {}), (0.3, "mean axis", {}), (0.5, "mean axis", {}), (1.1, "mean axis", {}),
     (0.1, "interface root", {}), (0.3, "interface root", {}), (0.85, "interface root", {}),
-    pytest.param(0.3, "interface tip", {}, marks=pytest.mark.seconds),
+    (0.3, "interface tip", {}),
     (0.14, "interface root", CONSTANT), (0.28, "interface root", CONSTANT),
     (0.57, "interface root", CONSTANT), (0.57, "mean axis", CONSTANT),
     (0.57, "interface root", {**CONSTANT, "inertia_coupling": "partial"}),

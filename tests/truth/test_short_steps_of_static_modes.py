@@ -166,6 +166,7 @@ def fast_crank(deformation, speed=60, place=0.0):
     return made
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("step", [None, 1e-4])
 @pytest.mark.parametrize("place", [0.0, pytest.param(1000.0, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("method", ["radau", "generalized-alpha", "explicit-rk"])
@@ -182,6 +183,7 @@ def test_loads_that_follow_the_modes_by_more_than_these_settle(method, place, st
     assert result.statistics["energy_balance_error"] < 1e-4
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize("step", [None, 1e-4])
 @pytest.mark.parametrize("method", ["generalized-alpha", "explicit-rk"])
 def test_they_settle_beside_a_large_motion(method, step):

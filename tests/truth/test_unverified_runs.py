@@ -7,6 +7,7 @@ from accuracyscenes import AWAY, SCENES, moved, truth_of
 from accuracyscenes.judging import judged
 
 
+@pytest.mark.seconds
 @pytest.mark.parametrize(
     ("name", "size", "away"),
     [
