@@ -17,7 +17,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::flexmb.errors.FlexmbWarning")
 
 METHODS, ACCURACIES = ("auto", "radau"), (1e-3, 1e-4, 1e-6, 1e-8)
 SEEDS = [
-    pytest.param(seed, marks=pytest.mark.seconds if seed < 8 else pytest.mark.slow)
+    pytest.param(seed, marks=pytest.mark.seconds if seed < 5 else pytest.mark.slow)
     for seed in range(40)
 ]
 RISES = ("step", "step5", "havsin", "cycloidal", "modsine")
