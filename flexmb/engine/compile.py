@@ -318,7 +318,7 @@ _TIME_ROUND_OFF = 4e-15
 
 # A jump of the third derivative of a function that changes its value by less than this share of its
 # range until the next knot is left to the steps, which skip several knots at loose accuracies. So
-# is one of a load below the accuracy, as of points that scatter.
+# is one of a load whose impulse until then is below the accuracy, as of many points that scatter.
 _LEAST_CHANGE = 5e-7
 
 # Jumps that are closer than this fraction of the run count as one.
@@ -374,9 +374,9 @@ def kinks_of_functions(
     methods, which pass over knots."""
     times, drivers = set[float](), set(compiled.system.rows["fun"].tolist())
     for k, program in enumerate(compiled.functions):
-        least = _LEAST_CHANGE if k in drivers else max(_LEAST_CHANGE, accuracy)
-        least = least if explicit else np.inf
-        times.update(derivative_jumps(program.ops, end, derivatives=3, least_change=least))
+        least = (_LEAST_CHANGE if k in drivers else accuracy) if explicit else np.inf
+        order, load = {"derivatives": 3, "least_change": least}, k not in drivers
+        times.update(derivative_jumps(program.ops, end, **order, of_integral=load))
     kinks = np.array(sorted(times))
     edges = np.concatenate([[0.0], compiled.system.time_events[:, 0], [end]])
     after = np.searchsorted(edges, kinks)

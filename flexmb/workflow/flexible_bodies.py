@@ -6,7 +6,6 @@ collected over all bodies, each under the name of its body.
 
 from __future__ import annotations
 
-import shutil
 import warnings
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import replace
@@ -103,10 +102,8 @@ def flexible_bodies(
                 stored, at, reduced = None, file, _source_body(model, name)
             else:
                 continue
-            if stored is None:
+            if stored is None or at != file:
                 save(reduced, file)
-            elif at != file:
-                shutil.copy2(at, file)
             bodies[name] = simulated_body(model, name, reduced)
             if bodies[name] is not reduced:  # the reduction remains for runs with other effects
                 files[name] = _simulated(file)

@@ -149,10 +149,8 @@ class LinearElasticityMonitor:
         self._parts, self._amplitudes = _parts([one.at_rest for one in self._bodies])
         self._own, self._vibrations = _parts([one.in_scene for one in self._bodies])
         words = [getattr(model.bodies[one.columns.name], "deformation", "") for one in self._bodies]
-        self._every_mode, self._vibrate = (
-            every_mode,
-            [is_motion and w != "quasi-static" for w in words],
-        )
+        self._vibrate = [is_motion and word != "quasi-static" for word in words]
+        self._every_mode = every_mode
         self._nq = compiled.layout.nq  # of the row in which each body rotates fastest: t, q, v
         self._fastest = np.zeros((n, 1 + compiled.layout.nq + compiled.layout.nv))
 

@@ -48,12 +48,13 @@ _UNSAFE |= {"/", "atan2", "max", "min", "pow", "powc"}
 
 def derivative_jumps(
     ops: Program, end: float, *, at_begin: bool = False, derivatives: int = 2,
-    least_change: float = 0.0,
+    least_change: float = 0.0, of_integral: bool = False,
 ) -> tuple[float, ...]:  # fmt: skip
     """Times in (0, end) [s], or in [0, end), at which value or derivatives jump, in order.
 
     Only those that are known in closed form, for arguments that are linear in time. Of the first
-    two derivatives, or of three; `least_change` is that of `Piecewise.jumps`.
+    two derivatives, or of three; `least_change` is that of `Piecewise.jumps`, or of the integral
+    over the time.
     """
     times: set[float] = set()
     stack: list[Line] = []
@@ -70,7 +71,8 @@ def derivative_jumps(
         elif op in UNARY:
             line = stack.pop()
             if line is not None and line[1] != 0.0:
-                times.update(_jump_times(op, argument, line, end, derivatives, least_change))
+                least = least_change, end * abs(line[1]) * of_integral
+                times.update(_jump_times(op, argument, line, end, derivatives, least))
             stack.append((-line[0], -line[1]) if op == "neg" and line is not None else None)
         else:  # not known in advance
             stack.append(None)
@@ -95,7 +97,7 @@ def _line(op: str, left: Line, right: Line) -> Line:
 
 def _jump_times(
     op: str, argument: object, line: tuple[float, float], end: float, derivatives: int,
-    least_change: float,
+    least: tuple[float, float],
 ) -> list[float]:  # fmt: skip
     """Times at which an operation on a + b t, or one of its derivatives, jumps."""
     a, b = line
@@ -105,7 +107,7 @@ def _jump_times(
         return [-a / b, (1.0 - a) / b]
     if not isinstance(argument, Piecewise):
         return []
-    places = argument.jumps(derivatives, least_change if derivatives == 3 else 0.0)
+    places = argument.jumps(derivatives, *(least if derivatives == 3 else ()))
     if argument.period > 0.0 and len(places):
         span = sorted((a, a + b * end))
         first = int(np.floor((span[0] - places[0]) / argument.period))

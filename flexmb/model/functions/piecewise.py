@@ -131,12 +131,13 @@ class Piecewise:
         once = Piecewise(self.knots, self.coefficients).antiderivative()
         return Piecewise(once.knots, once.coefficients, self.period).without_mean()[1]
 
-    def jumps(self, derivatives: int = 2, least_change: float = 0.0) -> Array:
+    def jumps(self, derivatives: int = 2, least_change: float = 0.0, span: float = 0.0) -> Array:
         """The knots where the value or one of the first two or three derivatives jumps.
 
         A jump of the third one counts if it changes the value, over the distance of the next knot,
         by more than `least_change` times the range of the values at the knots; without one if it is
-        more than a small share of the largest third derivative.
+        more than a small share of the largest third derivative. With a `span` the change of the
+        integral counts, over that of the range over the span.
         """
         n = derivatives + 1
         c, p = self.coefficients, min(n, self.coefficients.shape[1])
@@ -162,6 +163,7 @@ class Piecewise:
             widths = np.diff(self.knots)
             nearest = np.minimum(np.append(widths[:1], widths), np.append(widths, widths[-1:]))
             change = apart[:, 3:] * nearest[:, None] ** 3 / 6.0
+            change *= nearest[:, None] / span if span > 0.0 else 1.0
             values = np.where(np.isfinite(right[:, 0]), right[:, 0], left[:, 0])
             jump[:, 3:] &= change > least_change * np.ptp(values)
         knots: Array = self.knots[jump.any(axis=1)]

@@ -85,6 +85,8 @@ def test_jumps_that_change_little_until_the_next_knot_may_be_left_out(y):
     ):
         found = derivative_jumps(ops, 6.0, derivatives=3, least_change=float(least))
         assert found == pytest.approx(t[1:-1][change > least], rel=1e-14)
+        as_load = {"derivatives": 3, "least_change": float(least) / 6.0, "of_integral": True}
+        assert derivative_jumps(ops, 6.0, **as_load) == found  # of knots 1 s apart, of 6 s
 
 
 def test_there_is_a_jump_at_every_kink_and_none_elsewhere():
